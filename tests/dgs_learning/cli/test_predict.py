@@ -11,13 +11,12 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from dgs_description.cell import CELL
 from dgs_description.frames import apply, from_quaternion, inverse
 from dgs_description.hand import HAND
-from dgs_learning.cli.app import app
-from dgs_learning.prediction.cloud_file import read_cloud
+from dgs_learning.prediction.cloud_file import read_cloud, read_intrinsics
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
@@ -60,18 +59,9 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def predict(models: Path) -> Predict:
-    def run(*arguments: object) -> Result:
-        words = [
-            "predict",
-            *map(str, arguments),
-            "--model",
-            "tiny",
-            "--models-dir",
-            str(models),
-            "--threads",
-            "1",
-        ]
-        return CliRunner().invoke(app, words)
+    def run(*arguments: object, code: int = 0) -> Result:
+        words = ["predict", *map(str, arguments), "--models-dir", str(models)]
+        return dgs([*words, "--model", "tiny", "--threads", "1"], code)
 
     return run
 
@@ -81,11 +71,6 @@ def depth_png(depth: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Pa
     path = tmp_path_factory.mktemp("depth") / "depth.png"
     cv2.imwrite(str(path), np.round(depth * 1000).astype(np.uint16))
     return path
-
-
-def _answer(result: Result, path: Path) -> dict:
-    assert result.exit_code == 0, result.output
-    return json.loads(path.read_text())
 
 
 def _positions(answer: dict) -> np.ndarray:
@@ -99,7 +84,7 @@ def test_a_depth_image_gives_grasps_above_the_estimated_table(
     result = predict(
         depth_png, "--intrinsics", INTRINSICS, "--json", out, "--picture", picture, "--max-grasps", 5
     )
-    answer = _answer(result, out)
+    answer = json.loads(out.read_text())
     assert answer["error_code"] == 0 and answer["frame"] == "camera_depth_optical_frame"
     assert answer["tcp_frame"] == "hand_tcp" and answer["table"]["estimated"]
     assert 0 < len(answer["grasps"]) <= 5
@@ -122,17 +107,19 @@ def test_the_cell_gives_the_same_hands_in_base_link(
 ) -> None:
     """With the shipped weights: what an untrained network likes best depends on the last digit."""
 
-    def predict(*words: object) -> Result:
-        return CliRunner().invoke(app, ["predict", *map(str, words), "--threads", "1"])
-
     out = tmp_path / "out.json"
-    answer = _answer(predict(depth_png, "--intrinsics", INTRINSICS, "--in-cell", "--json", out), out)
+
+    def predict(*words: object) -> dict:
+        dgs(["predict", *map(str, words), "--threads", "1", "--json", str(out)])
+        return json.loads(out.read_text())
+
+    answer = predict(depth_png, "--intrinsics", INTRINSICS, "--in-cell")
     assert answer["frame"] == "base_link" and not answer["table"]["estimated"]
     low, high = CELL.workspace_bounds
     points = np.array([grasp["reference_point"] for grasp in answer["grasps"]])
     assert ((points > low - 0.05) & (points < high + 0.05)).all()
     np.save(tmp_path / "base.npy", apply(CELL.T_base_camera_optical, cloud.astype(float)))
-    again = _answer(predict(tmp_path / "base.npy", "--cloud-frame", "base_link", "--json", out), out)
+    again = predict(tmp_path / "base.npy", "--cloud-frame", "base_link")
     near = np.linalg.norm(_positions(again)[:, None] - _positions(answer)[None], axis=2).min(axis=1)
     assert len(near) > 5 and np.median(near) < 0.02, "the PNG's millimetres change little"
 
@@ -150,8 +137,8 @@ def test_a_mask_says_what_may_be_grasped(
     marked = np.linalg.norm(base[:, :2] - middle, axis=1) < 0.07
     cv2.imwrite(str(tmp_path / "mask.png"), (255 * marked.reshape(depth.shape)).astype(np.uint8))
     words = (depth_png, "--intrinsics", INTRINSICS, "--mask", tmp_path / "mask.png", "--json", out)
-    answer = _answer(predict(*words, "--min-score", 0.0), out)
-    points = np.array([grasp["reference_point"] for grasp in answer["grasps"]])
+    predict(*words, "--min-score", 0.0)
+    points = np.array([grasp["reference_point"] for grasp in json.loads(out.read_text())["grasps"]])
     there = apply(CELL.T_base_camera_optical, points)
     assert np.linalg.norm(there[:, :2] - middle, axis=1).max() < 0.10
 
@@ -164,8 +151,8 @@ def test_a_bad_mask_is_refused(predict: Predict, depth_png: Path, tmp_path: Path
     else:
         size = (10, 10) if kind == "small" else (D455.height, D455.width)
         cv2.imwrite(str(mask), np.full(size, 0 if kind == "black" else 255, np.uint8))
-    result = predict(depth_png, "--intrinsics", INTRINSICS, "--mask", mask)
-    assert result.exit_code == 2 and result.stderr.startswith("error 107 REQUEST_INVALID: the mask")
+    result = predict(depth_png, "--intrinsics", INTRINSICS, "--mask", mask, code=2)
+    assert result.stderr.startswith("error 107 REQUEST_INVALID: the mask")
 
 
 def test_a_mask_of_the_bare_table_is_refused(
@@ -174,8 +161,8 @@ def test_a_mask_of_the_bare_table_is_refused(
     mask = np.zeros(depth.shape, np.uint8)
     mask[5:40, 300:400] = 255
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    result = predict(depth_png, "--intrinsics", INTRINSICS, "--mask", tmp_path / "mask.png")
-    assert result.exit_code == 2 and "105 NO_OBJECTS: the mask marks nothing" in result.stderr
+    result = predict(depth_png, "--intrinsics", INTRINSICS, "--mask", tmp_path / "mask.png", code=2)
+    assert "105 NO_OBJECTS: the mask marks nothing" in result.stderr
 
 
 def test_the_same_seed_gives_the_same_json_from_every_kind_of_file(
@@ -187,7 +174,8 @@ def test_the_same_seed_gives_the_same_json_from_every_kind_of_file(
     answers = []
     for name in ("cloud.npy", "cloud.npz", "cloud.ply"):
         out = tmp_path / f"{name}.json"
-        answer = _answer(predict(tmp_path / name, "--seed", 3, "--json", out), out)
+        predict(tmp_path / name, "--seed", 3, "--json", out)
+        answer = json.loads(out.read_text())
         assert answer.pop("input") == {"file": name, "points": len(cloud)}
         answers.append({key: value for key, value in answer.items() if key != "stage_times"})
     assert answers[0] == answers[1] == answers[2]
@@ -200,8 +188,7 @@ def test_colours_of_a_ply_are_those_of_the_picture(
     trimesh.PointCloud(cloud, colors=np.tile(np.uint8([200, 30, 30]), (len(cloud), 1))).export(
         tmp_path / "c.ply"
     )
-    result = predict(tmp_path / "c.ply", "--picture", tmp_path / "p.png", "--max-grasps", 1)
-    assert result.exit_code == 0, result.output
+    predict(tmp_path / "c.ply", "--picture", tmp_path / "p.png", "--max-grasps", 1)
     blue, green, red = cv2.imread(str(tmp_path / "p.png")).astype(int).transpose(2, 0, 1)
     assert ((red > 150) & (green < 80) & (blue < 80)).mean() > 0.1
 
@@ -209,41 +196,35 @@ def test_colours_of_a_ply_are_those_of_the_picture(
 def test_no_grasp_is_told_with_its_code(predict: Predict, cloud: np.ndarray, tmp_path: Path) -> None:
     """Pushes, which the planner proposes here, are no grasps."""
     np.save(tmp_path / "cloud.npy", cloud)
-    out = tmp_path / "out.json"
-    result = predict(
-        tmp_path / "cloud.npy", "--min-score", 1.0, "--json", out, "--picture", tmp_path / "p.png"
-    )
-    assert result.exit_code == 1
+    out, words = tmp_path / "out.json", ("--min-score", 1.0, "--picture", tmp_path / "p.png")
+    predict(tmp_path / "cloud.npy", *words, "--json", out, code=1)
     answer = json.loads(out.read_text())
     assert answer["error_code"] == 106 and answer["grasps"] == [] and "min_score" in answer["message"]
     assert (tmp_path / "p.png").exists()
 
 
 def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
-    path = folder / kind.replace(" ", "_")
-    if kind == "text.ply" or kind == "text.npy":
+    """A file of a name; those of other names than below are not there."""
+    path, kind_of = folder / kind, kind.partition(".")[0]
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 200), np.linspace(-0.4, 0.4, 200))
+    arrays = {
+        "pickle": np.array([{"a": 1}], dtype=object),
+        "flat": np.zeros(30),
+        "empty": np.zeros((0, 3)),
+        "nan": np.full((500, 3), np.nan),
+        "millimetres": cloud * 1000,
+        "fog": np.random.default_rng(0).uniform((-0.4, -0.4, 0.5), (0.4, 0.4, 1.3), (30_000, 3)),
+        "table": np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]),
+    }
+    images = {"colour": np.zeros((48, 64, 3), np.uint8), "black": np.zeros((480, 848), np.uint16)}
+    if kind_of in arrays:
+        np.save(path, arrays[kind_of], allow_pickle=True)
+    elif kind_of in images:
+        cv2.imwrite(str(path), images[kind_of])
+    elif kind_of == "text":
         path.write_text("no cloud")
-    elif kind == "pickle.npy":
-        np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    elif kind == "flat.npy":
-        np.save(path, np.zeros(30))
-    elif kind == "empty.npy":
-        np.save(path, np.zeros((0, 3)))
-    elif kind == "nan.npy":
-        np.save(path, np.full((500, 3), np.nan))
-    elif kind == "millimetres.npy":
-        np.save(path, cloud * 1000)
-    elif kind == "fog.npy":
-        np.save(path, np.random.default_rng(0).uniform((-0.4, -0.4, 0.5), (0.4, 0.4, 1.3), (30_000, 3)))
-    elif kind == "table.npy":
-        x, y = np.meshgrid(np.linspace(-0.4, 0.4, 200), np.linspace(-0.4, 0.4, 200))
-        np.save(path, np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]))
-    elif kind == "two.npz":
+    elif kind_of == "two":
         np.savez(path, a=cloud, b=cloud)
-    elif kind == "colour.png":
-        cv2.imwrite(str(path), np.zeros((48, 64, 3), np.uint8))
-    elif kind == "black.png":
-        cv2.imwrite(str(path), np.zeros((480, 848), np.uint16))
     return path
 
 
@@ -276,8 +257,7 @@ def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
 def test_bad_input_gets_code_and_sentence(
     predict: Predict, cloud: np.ndarray, tmp_path: Path, kind: str, options: tuple[str, ...], code: str
 ) -> None:
-    result = predict(_write_bad(kind, tmp_path, cloud), *options)
-    assert result.exit_code == 2
+    result = predict(_write_bad(kind, tmp_path, cloud), *options, code=2)
     (line,) = result.stderr.strip().splitlines()
     assert line.startswith(f"error {code}: ") and len(line) > len(code) + 25
     assert not list(tmp_path.glob("*.json"))
@@ -299,8 +279,6 @@ def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
     ],
 )
 def test_intrinsics_from_files(tmp_path: Path, content: str) -> None:
-    from dgs_learning.prediction.cloud_file import read_intrinsics
-
     file = tmp_path / "camera.yaml"
     file.write_text(content.format(fx=D455.fx, fy=D455.fy, cx=D455.cx, cy=D455.cy))
     found = read_intrinsics(str(file), D455.width, D455.height)

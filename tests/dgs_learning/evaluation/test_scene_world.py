@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.pick import LIFT
@@ -28,6 +28,8 @@ from dgs_sim_bridge.world.hand_world import Wear
 from tests.dgs_learning.evaluation.proposers.test_proposers import BLOCK, scene_of
 
 POSE = transform(position=(0, 0, 0.036))
+EDGE = -0.25
+"""Of the table, where there is one [m]."""
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,17 @@ def best() -> GraspSet:
 
 def world_of(model: ObjectModel, engine: str = "pybullet") -> SceneWorld:
     return SceneWorld([model], Scene(np.array([0]), POSE[None]), engine)
+
+
+def alone_at_edge(model: ObjectModel, pose: Array, engine: str) -> SceneWorld:
+    return SceneWorld([model], Scene(np.array([0]), pose[None]), engine, edge=EDGE)
+
+
+def one_try(world: SceneWorld, planner: GraspPlanner, rng: np.random.Generator) -> tuple[GraspSet, Attempt]:
+    """The planner's first grasp of what is seen now, and what comes of it."""
+    view = capture(*world.scene(), rng, ViewSettings(elevation=(0.8, 1.2)), EDGE)
+    grasp = planner(view.points, view.camera, rng).grasps[0]
+    return grasp, world.execute(grasp)
 
 
 def rise(attempt: Attempt) -> float:
@@ -60,16 +73,13 @@ def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one(best: GraspSe
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
-    edge = -0.25
     case = next(m for m in find_catalogue("household") if m.name == "game_case_000")
-    pose = transform(position=(0.0, 0.0, 0.008))
-    planner = GraspPlanner([EdgePinch(), Push()], PlannerSettings(edge=edge))
-    rng, seen, outcomes = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2)), []
-    with SceneWorld([case], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+    planner = GraspPlanner([EdgePinch(), Push()], PlannerSettings(edge=EDGE))
+    rng, outcomes = np.random.default_rng(0), []
+    with alone_at_edge(case, transform(position=(0.0, 0.0, 0.008)), engine) as world:
         for _ in range(4):
             world.settle()
-            view = capture(*world.scene(), rng, seen, edge)
-            attempt = world.execute(planner(view.points, view.camera, rng).grasps[0])
+            _, attempt = one_try(world, planner, rng)
             outcomes.append(attempt.outcome)
             assert attempt.object_index == 0
             if attempt.outcome is not Outcome.PUSHED:
@@ -80,18 +90,14 @@ def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_spanner_is_dragged_until_its_end_sticks_out_and_pinched_there(engine: str) -> None:
-    edge = -0.25
     spanner = next(m for m in make_catalogue("everyday") if m.family == "spanner")
-    pose = transform(position=(0.0, 0.0, 0.006))
-    planner = GraspPlanner([EdgePinch(), Drag()], PlannerSettings(edge=edge))
-    rng, seen, outcomes = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2)), []
-    with SceneWorld([spanner], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+    planner = GraspPlanner([EdgePinch(), Drag()], PlannerSettings(edge=EDGE))
+    rng, outcomes = np.random.default_rng(0), []
+    with alone_at_edge(spanner, transform(position=(0.0, 0.0, 0.006)), engine) as world:
         for _ in range(4):
             world.settle()
             before = world.object_poses()[0]
-            view = capture(*world.scene(), rng, seen, edge)
-            grasp = planner(view.points, view.camera, rng).grasps[0]
-            attempt = world.execute(grasp)
+            grasp, attempt = one_try(world, planner, rng)
             outcomes.append(attempt.outcome)
             if attempt.outcome is not Outcome.PUSHED:
                 break
@@ -105,22 +111,18 @@ def test_a_spanner_is_dragged_until_its_end_sticks_out_and_pinched_there(engine:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_bowl_on_its_rim_is_pushed_over_the_edge_and_turned_over(engine: str) -> None:
-    edge = -0.25
     bowl = next(m for m in find_catalogue("train") if m.name == "bowl_021@1.20")
     pose = transform(np.diag([1.0, -1.0, -1.0]), (-0.1, 0.0, float(bowl.vertices[:, 2].max())))
-    planner = GraspPlanner([TurnOver(), Push()], PlannerSettings(edge=edge))
-    rng, seen = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2))
-    with SceneWorld([bowl], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+    planner, rng = GraspPlanner([TurnOver(), Push()], PlannerSettings(edge=EDGE)), np.random.default_rng(0)
+    with alone_at_edge(bowl, pose, engine) as world:
         for _ in range(4):
             world.settle()
             if world.object_poses()[0][2, 2] > 0.0:
                 break
-            view = capture(*world.scene(), rng, seen, edge)
-            attempt = world.execute(planner(view.points, view.camera, rng).grasps[0])
-            assert attempt.outcome is Outcome.PUSHED
+            assert one_try(world, planner, rng)[1].outcome is Outcome.PUSHED
         world.settle()
         T_table_bowl = world.object_poses()[0]
-    assert T_table_bowl[2, 2] > 0.0 and T_table_bowl[0, 3] > edge + 0.05, (
+    assert T_table_bowl[2, 2] > 0.0 and T_table_bowl[0, 3] > EDGE + 0.05, (
         "upright or on its side, on the table"
     )
 

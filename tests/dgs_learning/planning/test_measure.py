@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.grasp import GraspSet
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.planning.cases import PickCase
 from dgs_learning.planning.measure import load_records, measure_missing, summarise
 from tests.dgs_learning.planning.cells import PLACE, TARGET, grasps_at, record
@@ -63,3 +64,5 @@ def test_summary_counts_what_it_says() -> None:
     assert measured["check"]["picks"] == 2 and measured["check"]["picks_with_collision"] == 1
     assert measured["check"]["collisions"] == {"carry: carried object - object": 1}
     assert measured["check"]["deepest_mm"] == 2.0 and measured["check"]["velocity_violations"] == 3
+    about = {"command": "", "date": "", "machine": {"processor": "", "load_average": 0.0, "cores": 1}}
+    assert "| 2, 200 |" in render("planning.md", m=measured | about)

@@ -11,8 +11,6 @@ import yaml
 
 from dgs_description.errors import DgsError
 from dgs_description.joints import ARM_JOINTS
-from dgs_learning import paths
-from dgs_learning.evaluation.report.templates import render
 from dgs_learning.planning.path_problems import ProblemFolder, solve, summarise
 from tests.support.commands import dgs
 
@@ -96,8 +94,3 @@ def test_a_folder_without_problems_is_refused(folder: Path) -> None:
     (folder / "ur5.srdf").unlink()
     with pytest.raises(DgsError, match=r"no ur5\.srdf"):
         ProblemFolder(folder)
-
-
-def test_the_documents_table_is_that_of_the_measured_file() -> None:
-    measured = json.loads((paths.repository() / "docs/results/paths.json").read_text())
-    assert render("paths.md", m=measured) in (paths.repository() / "docs/arm_executor.md").read_text()
