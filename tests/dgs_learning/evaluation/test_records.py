@@ -30,9 +30,10 @@ def test_a_folder_without_results_is_anybodys(tmp_path: Path) -> None:
     for seed in (1, 2, 2):
         claim(tmp_path, {"seed": seed})
     save_scene(tmp_path, SceneResult(0, 1, 0, ()), "abc", [])
-    with pytest.raises(ValueError, match="another setting"):
-        claim(tmp_path, {"seed": 1})
-    claim(tmp_path, {"seed": 2})
+    for other in ({"seed": 1}, {}, {"seed": 2, "protocol": "robot"}):
+        with pytest.raises(ValueError, match="another setting"):
+            claim(tmp_path, other)
+    claim(tmp_path, {"seed": 2, "scenes": 5})
 
 
 def test_another_catalogue_has_another_hash() -> None:

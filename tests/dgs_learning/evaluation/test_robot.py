@@ -168,15 +168,6 @@ def robot_folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_free_hands_folder_is_not_the_robots(robot_folder: Path) -> None:
-    described = json.loads((robot_folder / "setting.json").read_text())
-    claim(robot_folder, {**described, "scenes": 5})
-    for key in ("protocol", "speed_up"):
-        other = {k: v for k, v in described.items() if k != key}
-        with pytest.raises(ValueError, match=key):
-            claim(robot_folder, other)
-
-
 def test_the_page_shows_table_5_and_the_worst_scene_first(robot_folder: Path, tmp_path: Path) -> None:
     text = write_report([robot_folder], tmp_path / "r.html").read_text()
     page = Page(text)

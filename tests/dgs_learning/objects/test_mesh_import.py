@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -26,29 +25,6 @@ from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.scenes import SettlingTable
 from tests.support.commands import dgs
 
-CUBE = """o hull_00
-v -0.02 -0.03 -0.04
-v -0.02 -0.03 0.04
-v -0.02 0.03 -0.04
-v -0.02 0.03 0.04
-v 0.02 -0.03 -0.04
-v 0.02 -0.03 0.04
-v 0.02 0.03 -0.04
-v 0.02 0.03 0.04
-f 1 2 4
-f 1 4 3
-f 5 7 8
-f 5 8 6
-f 1 5 6
-f 1 6 2
-f 3 4 8
-f 3 8 7
-f 1 3 7
-f 1 7 5
-f 2 6 8
-f 2 8 4
-"""
-
 
 def l_shape() -> trimesh.Trimesh:
     """An L of two bars: concave, volume 90 cm^3."""
@@ -61,24 +37,6 @@ def l_shape() -> trimesh.Trimesh:
         n = (k + 1) % 6
         faces += [(k, n, n + 6), (k, n + 6, k + 6)]
     return trimesh.Trimesh(vertices, faces)
-
-
-def test_a_minimal_manifest_folder_is_a_catalogue(tmp_path: Path) -> None:
-    folder = tmp_path / "objects" / "brick"
-    folder.mkdir(parents=True)
-    (folder / "visual.obj").write_text(CUBE)
-    (folder / "collision.obj").write_text(CUBE)
-    record = {
-        "name": "brick",
-        "shape_class": "cuboid",
-        "mass_kg": 0.2,
-        "files": {"visual": "objects/brick/visual.obj", "collision": "objects/brick/collision.obj"},
-    }
-    (tmp_path / "manifest.json").write_text(json.dumps({"objects": [record]}))
-    (model,) = load_catalogue(tmp_path)
-    assert (model.name, model.shape_class, model.mass) == ("brick", "cuboid", 0.2)
-    assert len(model.parts) == 1 and len(model.faces) == 12
-    assert np.allclose(model.bounds, [[-0.02, -0.03, -0.04], [0.02, 0.03, 0.04]])
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])

@@ -22,7 +22,7 @@ from dgs_learning.training.completion import (
     train,
 )
 from dgs_learning.training.fit_unet import FitSettings
-from dgs_perception.completion import SCALE, DepthCompletion, completion_net
+from dgs_perception.completion import SCALE, DepthCompletion
 from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 from tests.support.refused import refused
@@ -104,8 +104,3 @@ def test_views_of_another_dataset_are_refused(tmp_path: Path) -> None:
     train(DATA, tmp_path, replace(SMALL, steps=1))
     with refused(ErrorCode.REQUEST_INVALID, "files of another dataset"):
         train(tiny_dataset(4), tmp_path, replace(SMALL, steps=1))
-
-
-def test_the_network_takes_what_a_sample_holds(samples: list[Sample]) -> None:
-    x = torch.from_numpy(samples[0].features.astype(np.float32))[None]
-    assert completion_net().eval()(x).shape[-2:] == samples[0].truth.shape[-2:]

@@ -20,6 +20,7 @@ from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog, read_curve
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.train import find_device
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.refused import refused
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCE_ROOTS = [
@@ -98,9 +99,8 @@ def test_a_batch_may_be_larger_than_the_number_of_scenes() -> None:
     ],
 )
 def test_impossible_settings_are_refused(scenes: int, processes: int, wishes: dict) -> None:
-    with pytest.raises(DgsError) as refused:
+    with refused(ErrorCode.REQUEST_INVALID):
         Sampler(TrainingSettings(**wishes).for_scenes(scenes), 0, 0, processes)
-    assert refused.value.code == ErrorCode.REQUEST_INVALID
 
 
 def test_scenes_that_are_trained_on() -> None:

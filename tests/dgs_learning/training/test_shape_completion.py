@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import transform
 from dgs_grasp_planner.contact.shape_completion import INPUTS, SCALE, answer, loaded_net, seen
 from dgs_grasp_planner.contact.shape_completion import shape_completion as shipped_net
@@ -38,6 +38,7 @@ from dgs_learning.training.shape_completion import (
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.raster import box_mesh
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.refused import refused
 
 DATA = tiny_dataset()
 SMALL = FitSettings(views=6, held_out=1, steps=2, batch=8, workers=0)
@@ -68,9 +69,8 @@ def test_held_out_views_are_of_scenes_of_their_own_as_they_are(monkeypatch: pyte
 
 
 def test_too_few_scenes_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DgsError, match="held out") as refused:
+    with refused(ErrorCode.REQUEST_INVALID, "held out"):
         train(DATA, tmp_path, replace(SMALL, held_out=len(DATA.scenes)))
-    assert refused.value.code == ErrorCode.REQUEST_INVALID
 
 
 def test_the_truth_of_two_boxes() -> None:

@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 import torch
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_grasp_planner.network import PRESETS, DGSNet, load_network, save_network
 from dgs_learning.dataset import save_dataset
 from dgs_learning.training.__main__ import main
 from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.start import TrainingFiles, start_training
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.commands import dgs
+from tests.support.refused import refused
 
 SHORT = [
     "--preset", "tiny", "--batch", "2", "--warmup", "0", "--workers", "0", "--threads", "1",
@@ -77,25 +79,18 @@ def test_weights_that_do_not_fit_or_are_not_there_are_refused(folder: Path, tmp_
         (tmp_path / "coarse", ErrorCode.REQUEST_INVALID, "voxel_size 0.01 instead of 0.008"),
         (tmp_path / "none", ErrorCode.WEIGHTS_MISSING, "none.pt"),
     ):
-        with pytest.raises(DgsError, match=words) as refused:
+        with refused(code, words):
             start_training(
                 "tiny", TrainingFiles(folder / "dataset.npz", tmp_path / "out", init=init), settings
             )
-        assert refused.value.code == code
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_finds_shipped_weights_by_name(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from typer.testing import CliRunner
-
-    from dgs_learning.cli.app import app
-
     monkeypatch.setenv("DGS_MODELS_DIR", str(folder))
     words = ["train", "--preset", "tiny", "--out", str(tmp_path / "run"), "--steps", "1", "--batch", "1",
              "--workers", "0", "--held-out", "1", "--views", "1", "--cache", str(folder / "views")]  # fmt: skip
-    done = CliRunner().invoke(app, [*words, "--init", "earlier"])
-    assert done.exit_code == 0, done.output
-    assert f"from the weights {folder / 'earlier'}" in done.output
-    assert CliRunner().invoke(app, [*words, "--init", "unknown"]).exit_code == 2
+    assert f"from the weights {folder / 'earlier'}" in dgs([*words, "--init", "earlier"]).output
+    dgs([*words, "--init", "unknown"], 2)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
+from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
@@ -21,11 +23,13 @@ from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_poi
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
+from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.objects import shapes
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.refused import refused
 
 STEEP = ViewSettings(elevation=(1.0, 1.1), edges=False)
 BLOCK = from_parts("block", "cuboid", "block", shapes.box([0.04, 0.14, 0.07]), 0.2)
@@ -51,6 +55,13 @@ def known() -> View:
 @pytest.fixture(scope="module")
 def stored() -> StoredGrasps:
     return StoredGrasps(DATA)
+
+
+@pytest.fixture
+def planner_from(tmp_path: Path) -> Callable[[str, Truth], GraspPlanner]:
+    """The planner of a proposer, whose stored grasps are the dataset's, in a scene."""
+    save_dataset(tmp_path / "d.npz", DATA)
+    return lambda name, of: planner_of(Row("a", proposers=(name,), dataset=str(tmp_path / "d.npz")), of)
 
 
 def scene_of(view: View) -> Scene:
@@ -107,42 +118,32 @@ def test_top_down_finds_every_object_and_grips_cups() -> None:
 
 
 @pytest.mark.parametrize("name", ["top_down", "random_prior"])
-def test_an_empty_table_is_refused_with_a_code(name: str, tmp_path: Path) -> None:
-    save_dataset(tmp_path / "d.npz", tiny_dataset())
-    planner = planner_of(Row("a", proposers=(name,), dataset=str(tmp_path / "d.npz")), nothing_known)
+def test_an_empty_table_is_refused_with_a_code(name: str, planner_from) -> None:
     table = np.random.default_rng(0).uniform((-0.2, -0.2, 0), (0.2, 0.2, 0.001), (5000, 3)).astype(np.float32)
-    with pytest.raises(DgsError) as error:
-        planner(table, np.array([0, 0, 1.0]), np.random.default_rng(0))
-    assert error.value.code is ErrorCode.NO_OBJECTS
+    with refused(ErrorCode.NO_OBJECTS):
+        planner_from(name, nothing_known)(table, np.array([0, 0, 1.0]), np.random.default_rng(0))
 
 
 def test_random_prior_keeps_the_offsets_of_the_training_grasps() -> None:
-    data = tiny_dataset()
-    prior = prior_of(data)
-    assert len(prior.offset) == sum(len(scene.instance) for scene in data.scenes)
-    stored = data.scene_grasps(data.scenes[0])
-    for k, instance in enumerate(data.scenes[0].instance):
-        T = data.scenes[0].T_table_object[instance]
-        surface = surface_points(data.objects[data.scenes[0].objects[instance]]) @ T[:3, :3].T + T[:3, 3]
+    prior, scene = prior_of(DATA), DATA.scenes[0]
+    assert len(prior.offset) == sum(len(scene.instance) for scene in DATA.scenes)
+    stored = DATA.scene_grasps(scene)
+    for k, instance in enumerate(scene.instance):
+        T = scene.T_table_object[instance]
+        surface = surface_points(DATA.objects[scene.objects[instance]]) @ T[:3, :3].T + T[:3, 3]
         nearest = np.linalg.norm(surface - stored.position[k], axis=1).min()
         assert np.linalg.norm(prior.offset[k]) == pytest.approx(nearest, abs=1e-6)
 
 
-def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) -> None:
-    save_dataset(tmp_path / "d.npz", tiny_dataset())
-    view = view_of((BLOCK, 0, 0, 0))
-    planner = planner_of(
-        Row("a", proposers=("random_prior",), dataset=str(tmp_path / "d.npz")), nothing_known
-    )
+def test_random_prior_answers_the_same_for_the_same_generator(planner_from) -> None:
+    view, planner = view_of((BLOCK, 0, 0, 0)), planner_from("random_prior", nothing_known)
     one, other = (planner(view.points, view.camera, np.random.default_rng(5)) for _ in range(2))
     assert np.array_equal(one.grasps.position, other.grasps.position)
     assert sum(one.rejected.values()) > 0
 
 
-def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
-    save_dataset(tmp_path / "d.npz", tiny_dataset())
-    row = Row("a", proposers=("replay",), dataset=str(tmp_path / "d.npz"))
-    planner = planner_of(row, lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
+def test_replay_refuses_objects_without_stored_grasps(planner_from) -> None:
+    planner = planner_from("replay", lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
     view = view_of((CUP, 0, 0, 0))
     with pytest.raises(ValueError, match="no grasps of cup"):
         planner(view.points, view.camera, np.random.default_rng(0))
