@@ -1,11 +1,7 @@
-"""Stored grasps simulated again from the numbers in a dataset file: parallel, and resumable to the grasp.
-
-Alone by the six-axis test (stage 1), or executed in their full scene (stage 2).
-"""
+"""Stored grasps simulated again: alone by the six-axis test (stage 1), or executed in their scene (stage 2)."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,6 +19,7 @@ from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.paths import revision, today
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
@@ -222,7 +219,6 @@ def validate(
         for checked in progress:
             checks.append(checked)
             progress.set_postfix(passed=sum(c.passed for c in checks))
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     about: dict[str, Any] = {
         "stage": stage,
         "seed": seed,
@@ -230,7 +226,7 @@ def validate(
         "friction": friction,
         "rules": rules,
         "dataset": file.name,
-        "dataset_sha256": digest,
+        "dataset_sha256": file_sha256(file)[:16],
     }
     if classes or fingers:
         about |= {"classes": list(classes), "fingers": list(fingers)}

@@ -18,10 +18,6 @@ from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_cat
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
 """Objects per class, Table I of the paper."""
-NOVEL_COUNTS = {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}
-HOUSEHOLD_COUNTS = {"cuboid": 18, "cylinder": 12, "stick": 24, "sphere": 4, "bowl": 4}
-EVERYDAY_COUNTS = {"cuboid": 20, "cylinder": 12, "stick": 28, "sphere": 16, "bowl": 8}
-OVERSIZE_COUNTS = {"cuboid": 12, "cylinder": 8, "sphere": 6}
 SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
 """The five scales of every training object (paper, section V)."""
 
@@ -33,13 +29,13 @@ Catalogue = tuple[dict[str, tuple[Family, ...]], dict[str, int], int]
 """Families and number of objects, both by class, and the seed."""
 TRAIN_CATALOGUES: dict[str, Catalogue] = {
     "train": (TRAIN, TRAIN_COUNTS, 0),
-    "everyday": (EVERYDAY, EVERYDAY_COUNTS, 3),
-    "oversize": (OVERSIZE, OVERSIZE_COUNTS, 4),
+    "everyday": (EVERYDAY, {"cuboid": 20, "cylinder": 12, "stick": 28, "sphere": 16, "bowl": 8}, 3),
+    "oversize": (OVERSIZE, {"cuboid": 12, "cylinder": 8, "sphere": 6}, 4),
 }
 """The paper's 307 objects; other families to train on; what the hand cannot hold."""
 TEST_CATALOGUES: dict[str, Catalogue] = {
-    "novel": (NOVEL, NOVEL_COUNTS, 1),
-    "household": (HOUSEHOLD, HOUSEHOLD_COUNTS, 2),
+    "novel": (NOVEL, {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}, 1),
+    "household": (HOUSEHOLD, {"cuboid": 18, "cylinder": 12, "stick": 24, "sphere": 4, "bowl": 4}, 2),
 }
 """Never trained on; soft household things are rigid here."""
 PARTS = ("train", "held_out")

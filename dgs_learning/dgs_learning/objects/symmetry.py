@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-AXIAL_SECTORS = {
+TURNS_ABOUT_Z = {
     "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,
-    "torch": 14,
+    "torch": 14, "screwdriver": 4, "hammer": 2, "tapered_tub": 2,
 }  # fmt: skip
 """Families that are unchanged by a turn of 360/n degrees about z."""
 FLIPPED_FAMILIES = frozenset({"can", "rod", "ball"})
@@ -20,14 +20,11 @@ BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar", "egg", "soap", 
 """Families that are unchanged by half turns about x, y and z."""
 EXACT = 1e-5
 """Distance within which a turned corner has to meet another one [m]; those of the families do within 0.002 mm."""
-TURNS_ABOUT_Z = {"screwdriver": 4, "hammer": 2, "tapered_tub": 2}
-"""Families of several or square parts that are unchanged by a turn of 360/n degrees about z."""
 
 
 def symmetries(family: str) -> Array:
     """(M, 3, 3) rotations, the identity first, that map an object of the family onto itself."""
-    sectors = AXIAL_SECTORS.get(family) or TURNS_ABOUT_Z.get(family)
-    if sectors:
+    if sectors := TURNS_ABOUT_Z.get(family):
         angles = 2 * np.pi * np.arange(sectors) / sectors
         turns = Rotation.from_euler("z", angles[:, None]).as_matrix()
         upside_down = turns @ np.diag([1.0, -1.0, -1.0])

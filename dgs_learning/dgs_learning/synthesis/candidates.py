@@ -1,7 +1,4 @@
-"""Candidate grasps of one object before any physics.
-
-Where the TCP goes and which fingertip constraint closes the hand (paper, section V-A).
-"""
+"""Candidate grasps of one object before any physics: TCP and fingertip constraint (paper, section V-A)."""
 
 from __future__ import annotations
 
@@ -23,8 +20,7 @@ from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 YAW_SLACK = np.deg2rad(4.0)
-"""Long fingers keep their yaw this close to `HAND.spread`, or neighbours overlap under the circle constraint
-[rad]."""
+"""Long fingers keep their yaw this close to `HAND.spread`, or neighbours overlap in the circle [rad]."""
 
 PALM = HAND.palm_points()
 PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
@@ -67,8 +63,7 @@ class Candidates:
         return Candidates(self.grasps[index], self.up[index], self.support[index])
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
-        """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer
-        [m]."""
+        """(N, ...) distance of `hand_tcp` points to the nearer of the object and the plane it rests on [m]."""
         there = posed(points, self.grasps.position, self.grasps.rotation)
         shape = (-1, *(1,) * (points.ndim - 2))
         flat = there.reshape(len(there), math.prod(points.shape[1:-1]), 3)
@@ -165,8 +160,7 @@ def inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDista
 
 
 def _rotations_towards(rng: np.random.Generator, up: Array, max_tilt: float) -> Array:
-    """Rotations whose approach (z) points against `up` within `max_tilt` [rad], any angle about it; (N, 3,
-    3)."""
+    """(N, 3, 3) rotations whose approach (z) points against `up` within `max_tilt` [rad], any angle about it."""
     count = len(up)
     tilt = max_tilt * np.sqrt(rng.random(count))
     spin, azimuth = rng.uniform(-np.pi, np.pi, (2, count))

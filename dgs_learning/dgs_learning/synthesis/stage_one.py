@@ -1,8 +1,4 @@
-"""Stage 1.
-
-Dense validated grasps of single objects, in independent chunks that give the same result in any order on
-any number of workers.
-"""
+"""Stage 1: validated grasps of single objects, in chunks that give the same in any order on any number of workers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Physics part of a trial.
-
-Close a free-floating hand around one object and shake it along six axes (paper, section V-A).
-"""
+"""Physics of a trial: close a floating hand around one object and shake it along six axes (paper, section V-A)."""
 
 from __future__ import annotations
 

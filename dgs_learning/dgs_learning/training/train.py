@@ -1,7 +1,4 @@
-"""The training loop.
-
-Seeded, resumable to the step, on a CPU or several GPUs, with an averaged copy of the weights and a CSV of the curves.
-"""
+"""The training loop: resumable to the step, on a CPU or several GPUs, with averaged weights and a CSV of curves."""
 
 from __future__ import annotations
 

@@ -87,7 +87,6 @@ def lid(heights: Array) -> Array | None:
 
     Hollow means that most of the inner half of the shape is missing or much lower than its edge.
     """
-    cell = np.argwhere(heights > 0)
     edge = float(np.percentile(heights[heights > 0], 90))
     high = np.argwhere(heights > 0.7 * edge)
     if edge < 0.02 or len(high) < 8 or (np.ptp(high, axis=0) < 4).any():
@@ -96,7 +95,7 @@ def lid(heights: Array) -> Array | None:
     radius = np.percentile(np.linalg.norm(high - middle, axis=1), 90) / 2
     every = np.argwhere(np.ones_like(heights, dtype=bool))
     disc = every[np.linalg.norm(every - middle, axis=1) < radius]
-    if (heights[tuple(disc.T)] > 0.7 * edge).mean() > HOLLOW or len(cell) < 20:
+    if (heights[tuple(disc.T)] > 0.7 * edge).mean() > HOLLOW or (heights > 0).sum() < 20:
         return None
     inside = every[Delaunay(high).find_simplex(every) >= 0]
     filled = heights.copy()
