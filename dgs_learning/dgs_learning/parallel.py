@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from joblib import Parallel, delayed, parallel_config
 
 from dgs_description.errors import DgsError, ErrorCode
-
-BACKENDS = ("loky", "dask")
 
 
 @dataclass(frozen=True)
@@ -25,12 +23,10 @@ class Engine:
     """
 
     workers: int
-    backend: str = "loky"
+    backend: Literal["loky", "dask"] = "loky"
     cluster: str = ""
 
     def __post_init__(self) -> None:
-        if self.backend not in BACKENDS:
-            raise ValueError(f"no backend named {self.backend!r}; there are {', '.join(BACKENDS)}")
         if self.cluster and self.backend == "loky":
             raise DgsError(
                 ErrorCode.REQUEST_INVALID,

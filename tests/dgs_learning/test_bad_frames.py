@@ -38,6 +38,8 @@ REFUSALS = (
     ErrorCode.DEPTH_FORMAT,
 )
 ADVICE = (":", "?", "must", "needed")
+SPOTS = [(x, y) for x in (0.2, 0.32) for y in (-0.25, -0.08, 0.08, 0.25)]
+"""Of the things on the cell's table, in `base_link` [m]; `cell_shot` of eight shows one on each."""
 FLOOR = box_mesh((-3.0, -3.0, -0.82), (3.0, 3.0, -0.8))
 
 
@@ -46,7 +48,7 @@ def _planner(cloud: np.ndarray, camera: Array, rng: np.random.Generator, request
     raise AssertionError(f"{len(scene.points)} points would be grasped")
 
 
-def _shot(seed: int, objects: int = 5, table: bool = True, pose: Array | None = None) -> np.ndarray:
+def cell_shot(seed: int, objects: int = 5, table: bool = True, pose: Array | None = None) -> np.ndarray:
     """(H, W) float32 [m]: the cell's table with things, through a pose (4, 4) in `base_link`, with noise."""
     rng = np.random.default_rng(seed)
     (x, y), (sx, sy, thick), top = CELL.table_centre, CELL.table_size, CELL.table_height
@@ -54,18 +56,17 @@ def _shot(seed: int, objects: int = 5, table: bool = True, pose: Array | None = 
     if table:
         meshes.append(box_mesh((x - sx / 2, y - sy / 2, top - thick), (x + sx / 2, y + sy / 2, top)))
         poses.append(np.eye(4))
-    spots = [(a, b) for a in (0.2, 0.32) for b in (-0.25, -0.08, 0.08, 0.25)]
-    for k in rng.permutation(len(spots))[:objects]:
+    for k in rng.permutation(len(SPOTS))[:objects]:
         model = CATALOGUE[int(rng.integers(len(CATALOGUE)))]
         meshes.append(model.mesh)
-        poses.append(transform(position=(*spots[k], top - model.vertices[:, 2].min())))
+        poses.append(transform(position=(*SPOTS[k], top - model.vertices[:, 2].min())))
     ideal = render(meshes, poses, D455, CELL.T_base_camera_optical if pose is None else pose).depth
     return D455Noise().apply(ideal, D455, rng)
 
 
 @cache
 def _usual(seed: int) -> np.ndarray:
-    return _shot(seed)
+    return cell_shot(seed)
 
 
 def _steps(depth: np.ndarray, unit: float = 0.001) -> np.ndarray:
@@ -127,8 +128,8 @@ ANYWHERE: dict[str, Callable[[int], np.ndarray]] = {
     "wrong size": lambda s: np.ones((240, 424 + s), np.uint16),
     "three channels": lambda s: np.ones((480, 848, 3), np.uint16),
     "eight bits": lambda s: np.full((480, 848), 100 + s, np.uint8),
-    "no table, no things": lambda s: _shot(s, objects=0, table=False),
-    "empty table": lambda s: _shot(s, objects=0),
+    "no table, no things": lambda s: cell_shot(s, objects=0, table=False),
+    "empty table": lambda s: cell_shot(s, objects=0),
     "room": _room,
     "ball": _ball,
     "waves": _waves,
@@ -145,7 +146,7 @@ def _moved(
         pose, grow = CELL.T_base_camera_optical.copy(), 1.0 + seed / 4
         pose[:3, :3] @= Rotation.from_euler("xyz", grow * np.array(turn), degrees=True).as_matrix()
         pose[:3, 3] += grow * np.array(shift)
-        return _shot(seed, pose=pose)
+        return cell_shot(seed, pose=pose)
 
     return shot
 

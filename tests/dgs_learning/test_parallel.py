@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode, JointNameError
+from dgs_description.errors import ErrorCode, JointNameError
 from dgs_learning.parallel import Engine
 from tests.support.refused import refused
 
@@ -41,10 +41,3 @@ def _refuse(what: str) -> None:
 def test_a_refusal_in_another_process_arrives_with_its_code() -> None:
     with refused(ErrorCode.JOINT_NAMES, "thumb is no joint"):
         list(Engine(2).run(_refuse, [("thumb",)] * 2))
-
-
-def test_unknown_engine_and_useless_address_are_refused() -> None:
-    with pytest.raises(ValueError, match="loky, dask"):
-        Engine(1, "slurm")
-    with pytest.raises(DgsError, match="stays on this machine"):
-        Engine(1, "loky", "tcp://somewhere:8786")

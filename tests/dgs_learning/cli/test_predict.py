@@ -17,32 +17,19 @@ from dgs_description.cell import CELL
 from dgs_description.frames import apply, from_quaternion, inverse
 from dgs_description.hand import HAND
 from dgs_learning.prediction.cloud_file import read_cloud, read_intrinsics
-from dgs_sim_bridge.render.d455 import D455, D455Noise
-from dgs_sim_bridge.render.object_model import load_catalogue
-from dgs_sim_bridge.render.raster import box_mesh, render
+from dgs_sim_bridge.render.d455 import D455
 from tests.dgs_grasp_planner.models import save_eager_model
+from tests.dgs_learning.test_bad_frames import SPOTS, cell_shot
 from tests.support.commands import dgs
 
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 INTRINSICS = f"{D455.fx},{D455.fy},{D455.cx},{D455.cy}"
 Predict = Callable[..., Result]
 
 
 @pytest.fixture(scope="module")
 def depth() -> np.ndarray:
-    """(H, W) float32 [m]: the cell's table with four objects, through the nominal camera."""
-    x, y = CELL.table_centre
-    sx, sy, thick = CELL.table_size
-    top = CELL.table_height
-    table = box_mesh((x - sx / 2, y - sy / 2, top - thick), (x + sx / 2, y + sy / 2, top))
-    meshes, poses = [table], [np.eye(4)]
-    for k, spot in zip((0, 20, 40, 60), ((0.25, -0.2), (0.32, 0.0), (0.22, 0.15), (0.38, 0.25)), strict=True):
-        pose = np.eye(4)
-        pose[:3, 3] = (*spot, top - CATALOGUE[k].vertices[:, 2].min())
-        meshes.append(CATALOGUE[k].mesh)
-        poses.append(pose)
-    ideal = render(meshes, poses, D455, CELL.T_base_camera_optical).depth
-    return D455Noise().apply(ideal, D455, np.random.default_rng(0))
+    """(H, W) float32 [m]: the cell's table with a thing on each of `SPOTS`, through the nominal camera."""
+    return cell_shot(0, objects=len(SPOTS))
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +119,7 @@ def test_flying_pixels_are_taken_out_on_demand(depth_png: Path) -> None:
 def test_a_mask_says_what_may_be_grasped(
     predict: Predict, depth: np.ndarray, depth_png: Path, tmp_path: Path
 ) -> None:
-    out, middle = tmp_path / "out.json", np.array([0.32, 0.0])
+    out, middle = tmp_path / "out.json", SPOTS[5]
     base = apply(CELL.T_base_camera_optical, D455.all_points(depth).astype(float))
     marked = np.linalg.norm(base[:, :2] - middle, axis=1) < 0.07
     cv2.imwrite(str(tmp_path / "mask.png"), (255 * marked.reshape(depth.shape)).astype(np.uint8))
