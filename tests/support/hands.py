@@ -13,13 +13,13 @@ _BLOCK = """
 import numpy as np
 from dgs_description.hand import HAND
 from dgs_grasp_planner.planner import GraspPlanner
-from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.top_down import top_down_grasps
 rng = np.random.default_rng(0)
 table = rng.uniform((-0.2, -0.2, 0.0), (0.2, 0.2, 0.001), (12_000, 3))
 block = rng.uniform((-0.02, -0.03, 0.0), (0.02, 0.03, 0.10), (12_000, 3))
 block = block[(np.abs(block / (0.02, 0.03, 0.1)) > (0.9, 0.9, 0.95)).any(axis=1)]
 cloud = np.concatenate([table, block]).astype(np.float32)
-found = GraspPlanner([TopDown()])(cloud, (0.47, 0.0, 0.88), rng).grasps
+found = GraspPlanner([top_down_grasps])(cloud, (0.47, 0.0, 0.88), rng).grasps
 assert found.grasp_joints.shape[1] == HAND.joint_count
 print(len(found))
 """

@@ -17,7 +17,7 @@ from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.propose.turn_over import TurnOver
-from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.top_down import top_down_grasps
 from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
 from dgs_learning.objects.catalogue import make_catalogue
 from dgs_learning.synthesis.scenes import Scene
@@ -35,7 +35,7 @@ EDGE = -0.25
 @pytest.fixture(scope="module")
 def best() -> GraspSet:
     view = capture([BLOCK], [POSE], np.random.default_rng(0), ViewSettings())
-    return TopDown()(scene_of(view))[0]
+    return top_down_grasps(scene_of(view))[0]
 
 
 def world_of(model: ObjectModel, engine: str = "pybullet") -> SceneWorld:

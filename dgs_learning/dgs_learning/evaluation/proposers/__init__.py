@@ -24,7 +24,7 @@ from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import WITH_NETWORK, Row
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
-from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.top_down import top_down_grasps
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import EDGE, Truth
 
@@ -58,7 +58,7 @@ def _proposer(name: str, row: Row, truth: Truth) -> Proposer:
         kind = TruePoint if name == "true_point" else TrueRest
         return kind(_network(row.models_dir, row.model), _stored(row.dataset_file), truth)
     if name == "top_down":
-        return TopDown()
+        return top_down_grasps
     half = row.workspace[1] / 2 + EDGE  # of the table along its edge: nothing is pushed farther
     return geometric(PushSettings(free=(-half, half), turning=(-half, half)))[name]
 

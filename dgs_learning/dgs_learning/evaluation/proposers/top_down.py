@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -47,12 +47,8 @@ APPROACHED, PROPOSED = 60, 12
 """Of a cluster so many of the best hands of a kind are looked at for a free approach, and so many are proposed."""
 
 
-@dataclass(frozen=True)
-class Pinches:
-    """N places to pinch: a point in the material and the unit direction, horizontal, from the fingers to the thumb."""
-
-    point: Array
-    direction: Array
+Pinches = tuple[Array, Array]
+"""N places to pinch: points (N, 3) in the material; unit directions (N, 3), level, from the fingers to the thumb."""
 
 
 def pinches(shape: CloudObject) -> Pinches:
@@ -92,7 +88,7 @@ def _pinches(tops: Array, rows: list[tuple[float, float, float]], depth: float) 
     top = np.array([np.percentile(tops[near, 2], 80) for near in around])
     point = np.column_stack([values[:, :2], np.maximum(top - depth, 0.4 * top)])
     angle = values[:, 2]
-    return Pinches(point, np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)]))
+    return point, np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
 
 
 def _rotations(direction: Array) -> Array:
@@ -105,10 +101,9 @@ def _rotations(direction: Array) -> Array:
 
 def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) -> Candidates:
     """Width-matched hands for every pinch, tilt and depth, slid back until palm and open fingers are free."""
-    rotation = _rotations(found.direction)
-    tilts = rotation.shape[1]
-    rotation = rotation.reshape(-1, 3, 3)
-    point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
+    point, direction = found
+    rotation = _rotations(direction).reshape(-1, 3, 3)
+    point, x = np.repeat(point, len(TILTS), axis=0), rotation[:, :, 0]
     steps = np.arange(0.0, HAND.grasp.widest, 0.002)
     point, width = centred(sdf, point, x, steps, HAND.grasp.widest)
     keep = (width > 0.002) & (width < HAND.grasp.widest)
@@ -192,10 +187,7 @@ def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject) -> Grasp
     return replace(grasps, score=value[order][free], reference_point=reference)
 
 
-class TopDown:
-    """Proposes the best hands of every cluster of the cloud."""
-
-    def __call__(self, scene: Scene) -> GraspSet:
-        """Grasps in the frame *table*; the camera's position is not used."""
-        with scene.clock("top_down"):
-            return joined([grasps_of(shape) for shape in cloud_objects(scene.points)])
+def top_down_grasps(scene: Scene) -> GraspSet:
+    """The best hands of every cluster of the cloud, frame *table*; the camera's position is not used."""
+    with scene.clock("top_down"):
+        return joined([grasps_of(shape) for shape in cloud_objects(scene.points)])

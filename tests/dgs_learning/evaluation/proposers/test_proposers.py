@@ -21,7 +21,7 @@ from dgs_learning.evaluation.proposers import ablated, planner_of
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
-from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.top_down import top_down_grasps
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.objects import shapes
@@ -100,7 +100,7 @@ def test_a_cup_is_hollow_and_a_block_is_not() -> None:
 @pytest.mark.parametrize("heading", [0.0, 0.7, 2.0])
 def test_top_down_pinches_across_the_narrow_side(heading: float) -> None:
     view = view_of((BLOCK, 0.02, -0.05, heading))
-    grasps = TopDown()(scene_of(view))
+    grasps = top_down_grasps(scene_of(view))
     assert len(grasps) > 0 and (grasps.source == "top_down").all()
     best = grasps[0]
     narrow = np.array([np.cos(heading), np.sin(heading), 0.0])
@@ -111,7 +111,7 @@ def test_top_down_pinches_across_the_narrow_side(heading: float) -> None:
 
 def test_top_down_finds_every_object_and_grips_cups() -> None:
     view = view_of((BLOCK, -0.12, 0.0, 0.3), (CUP, 0.1, 0.05, 0.0))
-    grasps = TopDown()(scene_of(view))
+    grasps = top_down_grasps(scene_of(view))
     near_cup = np.linalg.norm(grasps.position[:, :2] - [0.1, 0.05], axis=1) < 0.06
     assert near_cup.any()
     assert (~near_cup).any()
@@ -158,9 +158,9 @@ def test_a_network_sees_the_table_as_it_was_trained(keep_table: bool, tmp_path: 
 
 def test_an_ablation_takes_away_what_the_proposer_says() -> None:
     scene = scene_of(view_of((BLOCK, 0, 0, 0)))
-    whole = TopDown()(scene)
-    assert not ablated(TopDown(), "pre_grasp")(scene).pre_grasp_joints.any()
-    without_offset = ablated(TopDown(), "offset")(scene)
+    whole = top_down_grasps(scene)
+    assert not ablated(top_down_grasps, "pre_grasp")(scene).pre_grasp_joints.any()
+    without_offset = ablated(top_down_grasps, "offset")(scene)
     np.testing.assert_array_equal(without_offset.position, whole.reference_point)
     assert not without_offset.offset.any() and whole.offset.any()
 
