@@ -15,11 +15,10 @@ from dgs_description.table_fit import TablePlane, estimate_table, table_frame
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table, why_none
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_grasp_planner.surroundings import VOXEL, things_on_table
+from dgs_learning.training.views import ViewSettings
 
-HALF_EXTENT = 0.42
-"""Half the edge of the square on an estimated table that is looked at: what the network was trained on [m]."""
-HEIGHT = 0.30
-"""Height of the volume that is looked at [m]."""
+HALF_EXTENT, _, HEIGHT = ViewSettings.crop
+"""Half the edge, and the height, of what is looked at on an estimated table: what the network was trained on [m]."""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,6 @@ from dgs_learning.evaluation.run import run_row
 SMALL = Row(
     "small", proposers=("top_down",), scenes=2, objects_per_scene=(2, 3), workspace=(0.4, 0.4), seed=4
 )
-FLOOR = {"top_down": 0.6, "dgs_net": 0.6, "replay": 0.8}
-"""SR that the small setting must reach."""
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +74,7 @@ def test_every_failed_attempt_is_drawn_from_the_trial_and_no_other(
 def test_top_down_reaches_its_floor(small_run: Path) -> None:
     summary = json.loads((small_run / "summary.json").read_text())
     assert summary["attempts"] >= 4
-    assert summary["sr"] >= FLOOR["top_down"], summary["failures"]
+    assert summary["sr"] >= 0.6, summary["failures"]
     assert set(summary) >= {
         "proposers", "stages", "sr", "sr_interval", "cr_pooled", "cr_scene_mean", "pd_mm", "pv_mm3", "diversity",
         "time_s", "per_class", "failures", "setting",
@@ -106,14 +104,14 @@ def test_the_harness_lifts_validated_grasps(tmp_path: Path) -> None:
     """Grasps of the dataset on the true poses: what fails here is the harness's fault, not a planner's."""
     summary = run_row(replace(SMALL, proposers=("replay",), without=STAGES, objects="dataset"), tmp_path)
     assert summary["attempts"] >= 4
-    assert summary["sr"] >= FLOOR["replay"], summary["failures"]
+    assert summary["sr"] >= 0.8, summary["failures"]
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_shipped_planner_reaches_its_floor(tmp_path: Path) -> None:
     summary = run_row(replace(SMALL, proposers=SHIPPED), tmp_path)
-    assert summary["sr"] >= FLOOR["dgs_net"], summary["failures"]
+    assert summary["sr"] >= 0.6, summary["failures"]
 
 
 @pytest.mark.slow

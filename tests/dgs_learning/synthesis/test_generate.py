@@ -103,7 +103,6 @@ def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pyte
 
 KILLED_RUN = """
 import sys
-from dataclasses import fields
 from pathlib import Path
 from tests.dgs_learning.synthesis.test_generate import EFFORT, tiny_objects
 from dgs_learning.parallel import Engine
