@@ -226,14 +226,6 @@ def _positions_to_int(position: Array) -> NDArray[np.int16]:
     return np.round(position / POSITION_STEP).astype(np.int16)
 
 
-def _gap_to_int(gap: Array) -> NDArray[np.uint8]:
-    return np.nan_to_num(np.clip(np.round(gap / GAP_STEP), 0, _UNKNOWN - 1), nan=_UNKNOWN).astype(np.uint8)
-
-
-def _gap_from_int(values: NDArray[np.uint8]) -> Array:
-    return np.where(values == _UNKNOWN, np.nan, values * GAP_STEP)
-
-
 def stored_alike(a: GraspSet, b: GraspSet) -> bool:
     """Whether the file holds the same positions and final joints for both, in the same order."""
     return np.array_equal(_positions_to_int(a.position), _positions_to_int(b.position)) and np.array_equal(
@@ -244,6 +236,7 @@ def stored_alike(a: GraspSet, b: GraspSet) -> bool:
 def save_dataset(path: Path, data: GraspDataset) -> None:
     """Write the file; joints take one byte each (steps of 2 to 6 mrad), rotations 2 bytes a component."""
     scenes, source = data.scenes, data.grasps.source
+    gap = np.clip(np.round(data.gap / GAP_STEP), 0, _UNKNOWN - 1)
     turns = _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
@@ -257,7 +250,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "grasp_before": _joints_to_int(data.grasps.pre_grasp_joints[source == LEVEL]),
         "grasp_fingers": data.fingers.astype(np.uint8),
         "grasp_friction": np.nan_to_num(np.round(data.friction * 100)).astype(np.uint8),
-        "grasp_gap": _gap_to_int(data.gap),
+        "grasp_gap": np.nan_to_num(gap, nan=_UNKNOWN).astype(np.uint8),
         "grasp_source": np.select([source == name for name in SOURCES], range(len(SOURCES))).astype(np.uint8),
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
@@ -301,6 +294,7 @@ def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
+    gap = data.get("grasp_gap", np.full((len(data["grasp_fingers"]), HAND.finger_count), _UNKNOWN))
     for name in ("instance", "grasp", "symmetry"):
         parts.append(_split(data[f"scene_{name}"].astype(np.int64), grasps))
     return GraspDataset(
@@ -315,9 +309,7 @@ def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
             _joints_from_int(data["grasp_before"]),
         ),
         friction=np.where(data["grasp_friction"] > 0, data["grasp_friction"] / 100.0, np.nan),
-        gap=_gap_from_int(
-            data.get("grasp_gap", np.full((len(data["grasp_fingers"]), HAND.finger_count), _UNKNOWN))
-        ),
+        gap=np.where(gap == _UNKNOWN, np.nan, gap * GAP_STEP),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],
         drawn=data["drawn"].astype(np.int64),
         trials=data["trials"].astype(np.int64),

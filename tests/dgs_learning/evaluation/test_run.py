@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from dgs_description.grasp import GraspSet
@@ -18,6 +17,7 @@ from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.records import failure_file, load_scene
 from dgs_learning.evaluation.report.page import load_run
 from dgs_learning.evaluation.run import run_row
+from tests.dgs_learning.evaluation.test_protocol import in_the_air
 
 SMALL = Row(
     "small", proposers=("top_down",), scenes=2, objects_per_scene=(2, 3), workspace=(0.4, 0.4), seed=4
@@ -45,10 +45,7 @@ def test_every_failed_attempt_is_drawn_from_the_trial_and_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A planner that grasps at thin air twice, then answers nothing: two failures, two pictures."""
-    air = GraspSet.of(
-        "air", position=(0.0, 0.0, 0.3), rotation=np.diag([1.0, -1.0, -1.0]), pre_grasp_joints=np.zeros(20),
-        grasp_joints=np.full(20, 0.5), active_fingers=np.ones(5, bool), score=0.5, reference_point=np.zeros(3),
-    )  # fmt: skip
+    air = in_the_air("air", active_fingers=True)
     answers = iter([air, air, GraspSet.empty(), GraspSet.empty()])
     planner = lambda cloud, camera, rng, request: Prediction(next(answers), len(cloud), {})  # noqa: E731
     monkeypatch.setattr(run, "planner_of", lambda choice, truth: planner)
