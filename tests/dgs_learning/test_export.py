@@ -143,12 +143,6 @@ def test_viewpoints_fill_the_papers_band_evenly() -> None:
         assert np.allclose(apply(inverse(T), np.zeros((1, 3))), [[0, 0, 1]], atol=1e-9), "looks at the centre"
 
 
-def test_nothing_is_pickled(scene: ExportedScene) -> None:
-    for path in scene.path.rglob("*.npz"):
-        with np.load(path, allow_pickle=False) as arrays:
-            assert all(arrays[name].dtype != object for name in arrays.files)
-
-
 def test_finished_scenes_stay_and_other_settings_are_refused(data: GraspDataset, tmp_path: Path) -> None:
     settings = ExportSettings(views=1, points=500)
     assert len(list(export_scenes(data, [0, 1], tmp_path, settings, Engine(1)))) == 2

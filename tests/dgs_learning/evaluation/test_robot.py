@@ -109,10 +109,6 @@ def test_words_that_are_no_codes_are_not_counted() -> None:
     assert refused_grasps(["none of 12 grasps: 7 IK_FAILED, 5 UFO"]) == {"IK_FAILED": 7}
 
 
-def test_no_scene_is_no_division_by_zero() -> None:
-    assert summarise_robot([])["sr"] == 0.0
-
-
 def test_scenes_depend_on_seed_and_number_alone() -> None:
     wanted = [scene_request(ROBOT, n) for n in range(40)]
     assert wanted == [scene_request(ROBOT, n) for n in range(40)]

@@ -18,7 +18,7 @@ from dgs_learning.evaluation.success_fit import area_under_curve, fit_success, j
 from dgs_learning.evaluation.trials import Trials, load_trials, run_trials, try_scene
 from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
-from dgs_sim_bridge.render.object_model import from_parts, save_catalogue
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, save_catalogue
 from tests.support.commands import dgs
 from tests.support.refused import refused
 
@@ -30,6 +30,10 @@ def made_up(count: int = 1500, seed: int = 0) -> Trials:
     logit = 1.5 * (values[:, 0] - 3.0) / 2.0 - 1.5 * worn + 0.5
     held = rng.random(count) < 1 / (1 + np.exp(-logit))
     return Trials(values, held, worn, rng.random(count) < 0.5, np.arange(count) // 10)
+
+
+def rod(name: str) -> ObjectModel:
+    return from_parts(name, "stick", "rod", shapes.lathe([(0.012, -0.07), (0.012, 0.07)], sectors=14), 0.1)
 
 
 def test_it_finds_what_decides_and_answers_for_new_hardware() -> None:
@@ -76,23 +80,18 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
 
 def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path: Path) -> None:
     file, folder = tmp_path / "objects.npz", tmp_path / "trials"
-    rods = [from_parts("rod", "stick", "rod", shapes.lathe([(0.012, -0.07), (0.012, 0.07)], sectors=14), 0.1)]
-    save_catalogue(file, rods)
+    save_catalogue(file, [rod("rod")])
     for _ in range(2):
         assert run_trials(str(file), (0, 0), 1, folder, Engine(1)) == 0
     with refused(ErrorCode.REQUEST_INVALID, "seed 1 instead of 2"):
         run_trials(str(file), (0, 0), 2, folder, Engine(1))
-    save_catalogue(file, [replace(rods[0], mass=0.2)])
+    save_catalogue(file, [replace(rod("rod"), mass=0.2)])
     with refused(ErrorCode.REQUEST_INVALID, "objects"):
         run_trials(str(file), (0, 0), 1, folder, Engine(1))
 
 
 def test_candidates_of_a_scene_are_executed_and_the_same_again() -> None:
-    rods = [
-        from_parts(f"rod{k}", "stick", "rod", shapes.lathe([(0.012, -0.07), (0.012, 0.07)], sectors=14), 0.1)
-        for k in range(4)
-    ]
-    planner = GraspPlanner([LevelPinch()])
+    rods, planner = [rod(f"rod{k}") for k in range(4)], GraspPlanner([LevelPinch()])
     one, again = (try_scene(rods, planner, 1, 1) for _ in range(2))
     assert len(one.held) >= 2 and one.held.any() and one.evidence.shape[1] == len(EVIDENCE)
     np.testing.assert_array_equal(one.held, again.held)
