@@ -142,9 +142,8 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
         "min_score": cases.MIN_SCORE,
     }
     claim(out, setting)
-    planner = cache(
-        lambda: load_planner(models, "dgs_net", proposers=GRASPING)
-    )  # not where every scene has its record
+    # Loaded where a scene has no record yet.
+    planner = cache(lambda: load_planner(models, "dgs_net", proposers=GRASPING))
     numbers = tqdm(range(scenes), desc="scenes", disable=None)
     measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner()))
 

@@ -134,12 +134,8 @@ def creature(rng: np.random.Generator) -> Parts:
 
 def figure(rng: np.random.Generator) -> Parts:
     """A toy that stands on two legs, its arms held out."""
-    w, h, leg, t = (
-        draw(rng, 0.025, 0.05),
-        draw(rng, 0.035, 0.06),
-        draw(rng, 0.02, 0.05),
-        draw(rng, 0.016, 0.028),
-    )
+    w, h = draw(rng, 0.025, 0.05), draw(rng, 0.035, 0.06)
+    leg, t = draw(rng, 0.02, 0.05), draw(rng, 0.016, 0.028)
     trunk = shapes.superquadric([t / 2, w / 2, h / 2], 0.5, 0.6, 7, 12)
     head = shapes.superquadric([0.7 * t, 0.35 * w, draw(rng, 0.012, 0.022)], 1.0, 0.8, 7, 12)
     foot = shapes.moved(shapes.box([1.3 * t, 0.4 * w, leg], 0.002), (0, 0.25 * w, -h / 2 - 0.45 * leg))

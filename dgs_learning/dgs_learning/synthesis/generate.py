@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 GRASPS_PER_OBJECT = 2400
 """Symmetric ones included, so many are tried in a scene."""
 
-
+_refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
 _HAND = joblib.hash([getattr(HAND, fact.name) for fact in fields(HAND)])
 
 
@@ -151,8 +152,7 @@ def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
     """
     there = [m for m in models if record_path(folder, m).exists()]
     if not there:
-        none = f"no grasps of these objects are in {folder}: run `dgs grasps` first"
-        raise DgsError(ErrorCode.REQUEST_INVALID, none)
+        raise _refused(f"no grasps of these objects are in {folder}: run `dgs grasps` first")
     return packed(there, [load_grasps(record_path(folder, m)) for m in there])
 
 
@@ -253,20 +253,16 @@ def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
     missing = [model.name for model in known.objects if model.name not in number]
     if missing:
         cure = "run `dgs grasps` with --known and the same --others first"
-        raise DgsError(ErrorCode.REQUEST_INVALID, f"no grasps of {missing[0]} are there: {cure}")
+        raise _refused(f"no grasps of {missing[0]} are there: {cure}")
     own = np.array([number[model.name] for model in known.objects])
     for k, model in enumerate(known.objects):
         kept = known.own(k)
         if not _same_shape(model, dataset.objects[own[k]]):
-            other = (
-                f"{model.name} had another shape in the known dataset: make the scenes anew, without --known"
-            )
-            raise DgsError(ErrorCode.REQUEST_INVALID, other)
+            cure = "make the scenes anew, without --known"
+            raise _refused(f"{model.name} had another shape in the known dataset: {cure}")
         if not stored_alike(dataset.own(own[k])[: len(kept)], kept):
             cure = "take its file out of data/stage1 and run `dgs grasps` with --known first"
-            raise DgsError(
-                ErrorCode.REQUEST_INVALID, f"the grasps of {model.name} do not begin as known: {cure}"
-            )
+            raise _refused(f"the grasps of {model.name} do not begin as known: {cure}")
     scenes = [replace(scene, objects=own[scene.objects]) for scene in known.scenes]
     return replace(dataset, scenes=[*dataset.scenes, *scenes])
 
@@ -289,7 +285,7 @@ def work_list(
     catalogue = [*make_catalogue("train"), *others]
     names = [model.name for model in catalogue]
     if doubled := next((name for name in names if names.count(name) > 1), ""):
-        raise DgsError(ErrorCode.REQUEST_INVALID, f"two objects are named {doubled}: rename one")
+        raise _refused(f"two objects are named {doubled}: rename one")
     order = np.random.default_rng(0).permutation(len(catalogue))
     return [
         (catalogue[k].scaled(SCALES[(k + turn) % 5]), [seed, int(k), int((k + turn) % 5)])

@@ -114,9 +114,8 @@ def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
     turn = Rotation.from_rotvec(rng.normal(0.0, CAMERA_SPREAD[1], 3)).as_matrix()
     nudge = transform(turn, rng.normal(0.0, CAMERA_SPREAD[0], 3))
     poses = [T_table_base @ pose for pose in seen.poses]
-    return Stage(
-        seen.meshes, poses, seen.materials, ground
-    ), T_table_base @ CELL.T_base_camera_optical @ nudge
+    T_table_camera = T_table_base @ CELL.T_base_camera_optical @ nudge
+    return Stage(seen.meshes, poses, seen.materials, ground), T_table_camera
 
 
 def sample(dataset: GraspDataset, number: int, settings: FitSettings, cache: Path) -> Sample:
@@ -160,9 +159,8 @@ def loss_terms(out: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
     weight = known * (clear + OPAQUE_WEIGHT * (1.0 - clear))
     spread = out[:, 2].clamp(-5.0, 3.0)
     likelihood = (out[:, 1] - r.nan_to_num()).abs() * torch.exp(-spread) + spread
-    return binary_cross_entropy_with_logits(out[:, 0], clear), (
-        weight * likelihood
-    ).sum() / weight.sum().clamp(1.0)
+    entropy = binary_cross_entropy_with_logits(out[:, 0], clear)
+    return entropy, (weight * likelihood).sum() / weight.sum().clamp(1.0)
 
 
 def measure(net: UNet, samples: Sequence[Sample]) -> Values:

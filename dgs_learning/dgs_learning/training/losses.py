@@ -36,9 +36,7 @@ def score_loss(logits: Tensor, kind: Tensor, worth: Tensor) -> Tensor:
         kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference.
         worth: (N,) which share of a candidate or reference is positive; with 1 it is the paper's loss.
     """
-    none, candidate, reference = (
-        CLASS_WEIGHTS  # numbers: a tensor would be copied to a GPU, which waits for it
-    )
+    none, candidate, reference = CLASS_WEIGHTS  # numbers: a GPU waits for a tensor that is copied to it
     of_one = torch.where(kind == 2, reference, torch.where(kind == 1, candidate, 0.0)) * worth
     of_none = none * torch.where(graspable(kind), 1 - worth, 1.0)
     log = F.log_softmax(logits.float(), dim=1)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dgs_learning.evaluation import table_poses
-from dgs_learning.evaluation.table_poses import KINDS, TableView, draw_view, find, summarise
+from dgs_learning.evaluation.table_poses import KINDS, draw_view, find, summarise
 from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.support.commands import dgs
 
@@ -32,10 +33,7 @@ def test_views_are_drawn_by_seed_and_number() -> None:
 
 def test_a_wrong_table_is_counted_as_wrong_and_none_as_refused() -> None:
     view = draw_view(CATALOGUE, 0, 0)
-    raised = TableView(
-        view.kind, view.distance, view.tilt, view.points, view.normal, view.seen + 0.01 * view.normal
-    )
-    empty = TableView(view.kind, view.distance, view.tilt, view.points[:0], view.normal, view.seen)
+    raised, empty = replace(view, seen=view.seen + 0.01 * view.normal), replace(view, points=view.points[:0])
     summary = summarise([find(view), find(raised), find(empty)])["all"]
     assert (summary["views"], summary["found"], summary["refused"]) == (3, 1, 1)
 
