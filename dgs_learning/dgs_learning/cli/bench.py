@@ -51,7 +51,8 @@ def bench_edges(
     for name, noise in (("rendered", D455Noise()), ("rendered, edges as they are", perfect)):
         made = (rendered(scenes, k, noise) for k in range(views))
         rows[name] = summarise(find_edges(image, D455.fx) for image in made)
-    command = f"dgs bench-edges {'FRAMES ' if frames else ''}--focal {focal:g} --views {views}"
+    of_frames = f" FRAMES --focal {focal:g} --farthest {farthest:g}" if frames else ""
+    command = f"dgs bench-edges{of_frames} --views {views}"
     result = {"command": command, "revision": revision(), "date": today(), "rows": rows}
     put_out("depth_edges.md", result, json_file, doc)
 

@@ -29,9 +29,9 @@ SUITE_FAILED_EXIT = 1
 @contextmanager
 def evaluation() -> Iterator[None]:
     """The evaluation's surroundings: one thread per process, and an end with a sentence for what cannot be run."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         # Sums of several threads depend on their number, and the scenes already run in parallel.
-        os.environ.setdefault(name, "1")  # read when numpy and torch are imported, here and in the workers
+        os.environ.setdefault(name, "1")  # read when torch is imported, here and in the workers
     from dgs_learning.evaluation.robot import SuiteFailed
 
     try:
