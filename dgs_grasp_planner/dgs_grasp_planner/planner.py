@@ -19,7 +19,7 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "turn_over", "drag", "push", "part")
 """Proposers of the planner unless others are named: modules of `propose`."""
-GRASPING = SHIPPED[:-1]
+GRASPING = tuple(name for name in SHIPPED if name != Part.name)
 """Where no table edge is known these propose grasps alone."""
 FALLBACK_SCORE = 0.3
 """Score that a proposer's candidates need where none of those that it trusts is left: better than none."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -20,7 +22,7 @@ from dgs_description import arm_model, joints, urdf
 from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, HAND_TCP, TOOL0, from_quaternion, inverse
-from dgs_description.hand import HAND
+from dgs_description.hand import CHOICE, DEFAULT, HAND
 from dgs_description.hand_file import LINKS
 from tests.support.refused import refused
 
@@ -118,6 +120,17 @@ def test_path_is_found_in_an_install_without_sources(tmp_path: Path) -> None:
     assert (
         Path(printed.stdout.decode().strip()) == tmp_path / "share" / "dgs_description" / "urdf" / "cell.urdf"
     )
+
+
+def test_a_hand_on_an_adapter_may_keep_its_name_and_is_where_its_folder_says(tmp_path: Path) -> None:
+    folder = shutil.copytree(PACKAGE / "hands" / DEFAULT, tmp_path / DEFAULT)
+    file = folder / "hand.yaml"
+    file.write_text(re.sub(r"(?m)^mount: .*", "mount: [0.0, 0.0, 0.0322]", file.read_text()))
+    code = "from dgs_description.urdf import urdf_path; print(urdf_path('cell'))"
+    environment = {**os.environ, CHOICE: str(folder)}
+    command = [sys.executable, "-c", code]
+    printed = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
+    assert '<origin xyz="0 0 0.0322" rpy="0 0 0" />' in Path(printed.stdout.strip()).read_text()
 
 
 def test_unknown_name_is_refused_with_the_names_there_are() -> None:

@@ -22,7 +22,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.frames import TOOL0
 from dgs_description.hand import CHOICE as HAND_CHOICE
-from dgs_description.hand import DEFAULT, HAND
+from dgs_description.hand import DEFAULT
 from dgs_description.urdf_writer import Joint, Robot, to_urdf
 
 PACKAGE = "dgs_description"
@@ -75,7 +75,7 @@ def urdf_path(name: str) -> Path:
         DgsError: unknown name, or no such file in either place.
     """
     _check(name)
-    if HAND.name != DEFAULT or os.environ.get(ARM) or os.environ.get(CELL_FILE):
+    if not _as_written():
         return _made(name)
     for folder in _folders():
         path = folder / f"{name}.urdf"
@@ -84,6 +84,12 @@ def urdf_path(name: str) -> Path:
     places = ", ".join(str(folder) for folder in _folders())
     missing = f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
     raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing)
+
+
+def _as_written() -> bool:
+    """Whether this process has the hand, arm and cell of those files; a folder of the default hand's name has not."""
+    chosen = os.environ.get(HAND_CHOICE) or DEFAULT
+    return chosen == DEFAULT and not (os.environ.get(ARM) or os.environ.get(CELL_FILE))
 
 
 def _made(name: str) -> Path:
@@ -112,7 +118,7 @@ def _folders() -> list[Path]:
 
 if __name__ == "__main__":
     ArgumentParser(description="Write the URDFs anew.").parse_args()
-    if HAND.name != DEFAULT or os.environ.get(ARM) or os.environ.get(CELL_FILE):
+    if not _as_written():
         sys.exit(
             f"the files are those of the default hand, arm and cell: unset {HAND_CHOICE}, {ARM}, {CELL_FILE}"
         )
