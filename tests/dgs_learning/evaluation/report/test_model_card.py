@@ -84,7 +84,7 @@ def test_card_of_a_measured_model(tree: Path) -> None:
     assert (
         "### stages" in text
         and "65.4 (55.0–74.0)" in text
-        and "Measured with other weights than these: older." in text
+        and "Not measured with these weights: the rows older." in text
     )
     assert "not beside the paper" not in text
     for deviation in read_data("deviations"):
