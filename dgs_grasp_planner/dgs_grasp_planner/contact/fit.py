@@ -30,8 +30,9 @@ from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 
 REACHED = 0.001
 """A ball that comes so near to where it is wanted gets there [m]."""
-HELD_OFF = 0.001
-"""Distance to the cloud that the final joints keep [m]; the place is chosen for fingers that touch."""
+HELD_OFF = 0.003
+"""Distance to the cloud that the final joints keep [m]: what it shows is not nearer to the truth, and the hand closes
+until it feels something. The place is chosen for fingers that touch."""
 MOVES = np.array([-0.010, -0.005, 0.0, 0.005, 0.010])
 """Along the TCP's x axis, across the object, and then along the approach [m]."""
 LEANS = (-0.35, -0.175, 0.175, 0.35)
