@@ -13,7 +13,7 @@ from dgs_description.errors import DgsError, ErrorCode
 _POLL = 0.02
 _SERVICE_TIMEOUT = 2.0
 _ANSWER_TIMEOUT = 5.0
-_CANCEL_TIMEOUT = 3.0
+_CANCEL_TIMEOUT = 10.0
 _GRACE = 0.5
 """A server that is missing for so long has gone; on a busy machine discovery may lose one for a moment.
 
