@@ -177,9 +177,9 @@ class BagSource:
             started, first, last, count = time.monotonic(), 0, 0, 0
             for message in self.messages():
                 first = first if count else message.time_ns
-                last = max(last, message.time_ns)
+                last = message.time_ns
                 count += message.topic == self.topic
-                if stop.wait(max(0.0, started + (message.time_ns - first) * 1e-9 / rate - time.monotonic())):
+                if stop.wait(started + (message.time_ns - first) * 1e-9 / rate - time.monotonic()):
                     return
                 yield message
             if not loop:

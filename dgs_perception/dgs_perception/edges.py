@@ -91,7 +91,7 @@ def _is_flat(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
     u, v = (g.ravel() for g in np.meshgrid(steps, steps))
     basis = np.stack([np.ones_like(u), u, v], axis=1).astype(np.float32)
     known = (disparity > 0).astype(np.float32)
-    count = np.maximum(known.sum(axis=1), 1)
+    count = known.sum(axis=1)  # at least the one in the middle
     value = (disparity - (disparity.sum(axis=1) / count)[:, None]) * known
     products = (basis[:, :, None] * basis[:, None]).reshape(-1, 9)
     matrix = (known @ products).reshape(-1, 3, 3) + np.float32(1e-3) * np.eye(3, dtype=np.float32)
@@ -101,19 +101,12 @@ def _is_flat(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
     return np.asarray(flat & (count > ENOUGH * WINDOW**2))
 
 
-def clean_points(points: NDArray[np.float32], camera: PinholeCamera) -> int:
-    """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth.
-
-    Returns:
-        number of flying pixels.
-    """
+def clean_points(points: NDArray[np.float32], camera: PinholeCamera) -> None:
+    """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth."""
     z = points[:, 2]
     clean = cleaned(z.reshape(camera.height, camera.width), camera).ravel()
-    flying = (clean != z) & (z > 0) & np.isfinite(z)
-    moved = np.flatnonzero(flying & (clean > 0))
-    points[moved] *= (clean[moved] / z[moved])[:, None]
-    points[flying & (clean == 0)] = 0.0
-    return int(flying.sum())
+    flying = np.flatnonzero((clean != z) & (z > 0) & np.isfinite(z))
+    points[flying] *= (clean[flying] / z[flying])[:, None]
 
 
 def _disparity(z: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -29,13 +29,10 @@ class FramesMedian:
         if self._frames and self._frames[-1].shape != newest.shape:
             self._frames.clear()
         self._frames.append(newest)
-        if len(self._frames) == 1:
-            return newest
         # Frames without depth come first; the median is the middle one of those behind them.
         ordered = np.sort(np.stack(self._frames), axis=0)
         there = np.count_nonzero(ordered, axis=0)
-        middle = len(ordered) - 1 - there // 2
-        median = np.take_along_axis(ordered, np.minimum(middle, len(ordered) - 1)[None], axis=0)[0]
+        median = np.take_along_axis(ordered, (len(ordered) - 1 - there // 2)[None], axis=0)[0]
         moved = np.abs(newest - median) > MOVED * median * median
         filled = np.where(2 * there > len(ordered), median, np.float32(0.0))
         return np.where(newest == 0.0, filled, np.where(moved, newest, median))

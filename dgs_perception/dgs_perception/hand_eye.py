@@ -81,7 +81,7 @@ def calibrate(T_base_tool: Array, T_camera_board: Array) -> HandEye:
             turned about one axis only, which leaves the camera's place along that axis open.
     """
     tools, boards = np.asarray(T_base_tool, float), np.asarray(T_camera_board, float)
-    if tools.shape != boards.shape or tools.ndim != 3 or tools.shape[1:] != (4, 4):
+    if tools.shape != boards.shape:
         raise _bad(f"there are {len(tools)} poses of the tool and {len(boards)} of the board")
     if len(tools) < LEAST_SAMPLES:
         raise _bad(f"{len(tools)} samples are too few, at least {LEAST_SAMPLES} are needed")

@@ -68,7 +68,7 @@ class CameraHealth:
         """An input was not used, or the source cannot be opened; True if the problem is news worth logging."""
         with self._lock:
             self._skipped += 1
-            news = self._problem is None or str(self._problem) != str(problem)
+            news = str(self._problem) != str(problem)
             self._problem, self._problem_at, self._new_problem = problem, self._clock(), True
             return news
 
@@ -122,4 +122,4 @@ class CameraHealth:
     def _rate(self, now: float) -> float:
         # Until now, not until the last arrival: the figure must fall when the source stops.
         several = len(self._arrivals) > 1
-        return (len(self._arrivals) - 1) / max(now - self._arrivals[0], 1e-9) if several else 0.0
+        return (len(self._arrivals) - 1) / (now - self._arrivals[0]) if several else 0.0

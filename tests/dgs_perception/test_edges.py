@@ -68,6 +68,9 @@ def test_a_single_pixel_between_goes_and_a_rod_of_two_pixels_stays() -> None:
     assert clean[10, 10] == 0 and clean[10, 8] == 1.0 and clean[5, 5] == 1.0
     rod = _image((slice(2, 18), slice(10, 12)))
     np.testing.assert_array_equal(cleaned(rod, CAMERA)[3:17, 10:12], rod[3:17, 10:12])
+    alone = np.zeros((20, 20), np.float32)
+    alone[1:4, 1:4] = 1.0
+    np.testing.assert_array_equal(cleaned(alone, CAMERA), alone)
 
 
 @pytest.mark.parametrize("incidence", [70.0, 78.0])
@@ -131,13 +134,15 @@ def test_an_image_of_flying_pixels_alone_is_refused_quickly() -> None:
     assert time.process_time() - start < 1.0
 
 
-@pytest.mark.parametrize("nothing", [0.0, np.nan])
-def test_points_that_are_no_measurement_are_not_counted(nothing: float) -> None:
+@pytest.mark.parametrize("nothing", [0.0, np.nan, np.inf])
+def test_points_that_are_no_measurement_stay(nothing: float) -> None:
     depth = _image((slice(10, 11), slice(10, 11)))
     depth[:5] = nothing
     points = CAMERA.all_points(depth)
-    assert clean_points(points, CAMERA) == 1
+    before = points.copy()
+    clean_points(points, CAMERA)
     assert not points[10 * 20 + 10].any()
+    np.testing.assert_array_equal(np.delete(points, 10 * 20 + 10, 0), np.delete(before, 10 * 20 + 10, 0))
 
 
 def test_points_move_along_their_rays() -> None:
