@@ -168,7 +168,7 @@ def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, among: Mas
     hit = np.zeros(len(grasps), bool)
     rows = np.flatnonzero(grasps.motion.any(axis=1) & among)
     moving, shapes = grasps[rows], spheres[rows]
-    for share in _shares(moving.motion)[1:] if len(rows) and len(points) else ():
+    for share in _shares(moving.motion)[1:] if len(points) else ():
         there = replace(moving, position=moving.position + share * moving.motion)
         grasp, local = _near_pairs(points, there, shapes, 0.0)
         hit[rows] |= _fingers_in_cloud(grasp, local, shapes, 0.0)

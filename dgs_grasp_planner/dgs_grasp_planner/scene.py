@@ -87,8 +87,6 @@ class PlanRequest:
 
         Things that touch are one. Raises DgsError NO_OBJECTS: nothing stands at any target.
         """
-        if self.targets is None:
-            return self
         away, nearest = cKDTree(voxels).query(self.targets)
         if not (away < MISS).any():
             nearest_away = float(np.min(away))
@@ -113,10 +111,8 @@ class PlanRequest:
             if numbers.any():
                 own = np.isin(shapes.nearest(grasps.reference_point, NEAR), numbers[numbers > 0])
                 grasps, wishes = grasps[own], replace(self, things=None)
-        places = grasps.reference_point.copy()
-        if not grasps.holds.all():
-            moved = ~grasps.holds
-            places[moved] = voxels[cKDTree(voxels[:, :2]).query(places[moved, :2])[1]]
+        places, moved = grasps.reference_point.copy(), ~grasps.holds
+        places[moved] = voxels[cKDTree(voxels[:, :2]).query(places[moved, :2])[1]]
         good = wishes.wanted(places)
         return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 

@@ -137,8 +137,6 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
     for wall in walls(voxels, camera):
         fixed |= wall.holds(voxels)
     free = voxels[~fixed]
-    if not len(free):
-        raise _nothing(int(fixed.any()))
     outside = _outside(points, free[:, :2], T_camera_table)
     over = outside > OVER
     number = connected(free, GAP)
@@ -174,8 +172,6 @@ def _largest(values: Array, number: NDArray[np.int64]) -> Array:
 
 def _near(voxels: Array, others: Array) -> Mask:
     """(V,) which voxels are nearer than `NEAR` to one of the others, as seen from above."""
-    if not len(others):
-        return np.zeros(len(voxels), bool)
     return np.asarray(cKDTree(others[:, :2]).query(voxels[:, :2], distance_upper_bound=NEAR)[0] < NEAR)
 
 
@@ -198,7 +194,6 @@ def _outside(points: NDArray, places: Array, T_camera_table: Array) -> Array:
     seen = level > 0.5 * count  # the foot of a side is no table
     parts, _ = label(binary_closing(seen, iterations=3))
     sizes = np.bincount(parts[seen])
-    sizes[0] = 0
     table = np.isin(parts, np.flatnonzero(sizes > 0.1 * sizes.max())) & seen
     try:
         hull = ConvexHull((np.argwhere(table) + low + 0.5) * 0.01).equations

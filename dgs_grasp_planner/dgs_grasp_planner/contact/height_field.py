@@ -196,7 +196,6 @@ def seen_heights(
     heights = grey_closing(heights, size=(GAP, GAP))
     owner, count = label(heights > 0, structure=np.ones((3, 3)))
     small = np.bincount(owner.ravel(), minlength=count + 1) < MIN_CELLS
-    small[0] = False
     heights[small[owner]] = NOTHING
     owner[small[owner]] = 0
     return heights, owner, low

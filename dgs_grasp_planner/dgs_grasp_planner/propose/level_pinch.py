@@ -171,7 +171,7 @@ def _cross_section(shape: Shape, at: Array) -> _Place | None:
         if len(points) < 6 or heights.max() > HEIGHT:
             return None
         values, vectors = np.linalg.eigh(np.cov(points.T))
-        if values[1] < ELONGATION**2 * max(values[0], 1e-9):
+        if values[1] < ELONGATION**2 * values[0]:
             return None
         across, along = vectors[:, 0], vectors[:, 1]
         sides = ((points - at) @ across)[np.abs((points - at) @ along) < SPACING / 2]
