@@ -10,11 +10,12 @@ import pytest
 from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import apply, transform
-from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell, why_none
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.dgs_net import DgsNet
-from dgs_grasp_planner.scene import PlanRequest, Region
+from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from tests.dgs_grasp_planner.models import eager_network, eager_planner
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 from tests.support.refused import refused
@@ -63,12 +64,29 @@ def test_what_lies_at_the_border_of_the_workspace_is_seen_whole_but_not_the_bin(
     assert in_workspace(np.array([near, far, bin_wall])).tolist() == [True, False, False]
 
 
+def test_what_sticks_out_over_the_edge_beside_the_robot_is_seen_where_that_edge_is_free() -> None:
+    (x, _, _), (low, high) = CELL.cloud_bounds[0], CELL.free_edge
+    z = CELL.table_height + 0.05
+    places = np.array(
+        [[x + 0.01, (low + high) / 2, z], [x + 0.01, low - 0.01, z], [x - 0.01, high - 0.01, z]]
+    )
+    inside = np.array([0.3, 0.0, z])
+    assert in_workspace(np.vstack([inside, places])).tolist() == [True, True, False, False]
+
+
 def test_what_towers_in_the_bin_is_done_with_and_what_stands_beside_it_is_not() -> None:
     rim = CELL.table_height + CELL.bin_size[2]
     beside = np.array([CELL.bin_centre[0] + CELL.bin_size[0] / 2 + 0.03, CELL.bin_centre[1], 0.0])
     heap, hanging, low = (beside + (0.0, 0.0, rim + off) for off in (0.05, -0.02, -0.05))
     farther = heap + (0.04, 0.0, 0.0)
     assert in_workspace(np.array([heap, hanging, low, farther])).tolist() == [False, False, True, True]
+
+
+def test_where_nothing_was_proposed_nothing_is_said_of_candidates() -> None:
+    nothing = Prediction(GraspSet.empty(), 900, {}, {"UNLIKELY": 0})
+    assert why_none(nothing, PlanRequest()).startswith("no point scored high enough")
+    here = PlanRequest(region=Region(np.eye(4), np.ones(3)))
+    assert why_none(nothing, here).startswith("no point in the target region scored high enough")
 
 
 def test_no_grasp_says_why() -> None:

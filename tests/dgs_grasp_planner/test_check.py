@@ -111,6 +111,15 @@ def test_an_obstacle_that_only_the_approach_touches() -> None:
     assert reason(at, behind - (STAND_OFF - 0.03, 0.0, 0.0)) is None
 
 
+def test_points_of_the_table_are_no_obstacle() -> None:
+    spheres = HAND.finger_spheres(OPEN).reshape(-1, 3) @ DOWN.T
+    bottoms = spheres[:, 2] - HAND.all_radii
+    at = grasp((0, 0, -float(bottoms.min())))
+    beneath = np.tile(spheres[bottoms.argmin()], (10, 1)) * (1, 1, 0)
+    for height, expected in ((OBJECT_HEIGHT, None), (OBJECT_HEIGHT + 1e-4, Reason.FINGERS_IN_CLOUD)):
+        assert reason(at, beneath + (0, 0, height)) == expected
+
+
 def test_nothing_between() -> None:
     at = grasp((0, 0, 0.12), holds=True)
     assert reason(at, NOTHING) == Reason.NOTHING_BETWEEN

@@ -119,6 +119,17 @@ def test_shapes_are_completed_once_for_both_looks(monkeypatch: pytest.MonkeyPatc
     assert looks == [None, FALLBACK_SCORE] and len(made) == 1
 
 
+def test_where_there_are_only_pushes_doubtful_grasps_are_asked_for_too() -> None:
+    looks: list[float | None] = []
+
+    def pushes(scene: Scene) -> GraspSet:
+        looks.append(scene.request.min_score)
+        return replace(grasp(), active_fingers=np.zeros((1, 5), bool))
+
+    GraspPlanner([pushes], PlannerSettings(without=STAGES))(table_scene(1), CAMERA, _rng())
+    assert looks == [None, FALLBACK_SCORE]
+
+
 def test_what_is_not_worth_a_try_is_not_offered() -> None:
     def proposes(scene: Scene) -> GraspSet:
         return joined([grasp(), grasp(x=0.3)])

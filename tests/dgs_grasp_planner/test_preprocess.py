@@ -48,9 +48,9 @@ def test_single_invalid_points_are_skipped() -> None:
     assert len(scene.points) and np.isfinite(scene.points).all()
 
 
-def _noisy_table() -> np.ndarray:
+def _noisy_table(noise: float) -> np.ndarray:
     points = table_scene(objects=0, table_points=60_000)
-    points[:, 2] = np.random.default_rng(0).normal(0.0, 0.003, len(points))
+    points[:, 2] = np.random.default_rng(0).normal(0.0, noise, len(points))
     return points
 
 
@@ -58,7 +58,8 @@ def _noisy_table() -> np.ndarray:
     ("points", "code"),
     [
         (table_scene(objects=0), ErrorCode.NO_OBJECTS),
-        (_noisy_table(), ErrorCode.NO_OBJECTS),
+        (_noisy_table(0.003), ErrorCode.NO_OBJECTS),
+        (_noisy_table(0.006), ErrorCode.NO_OBJECTS),
         (np.array([[0.0, 0.0, 0.1]] * 20), ErrorCode.NO_OBJECTS),
         (np.array([[0.0, 0.0, -0.5]] * 100), ErrorCode.NO_OBJECTS),
         (np.array([[0.0, 0.0, 0.1], [900.0, 900.0, 0.1]] * 100), ErrorCode.CLOUD_FORMAT),
@@ -94,7 +95,9 @@ def test_all_object_points_stay_and_far_table_goes() -> None:
 
 def test_the_paper_keeps_the_whole_table() -> None:
     points = table_scene(1, objects=2)
-    assert len(_rows(points, keep_table=True, max_points=10**6)) == len(points)
+    holes = points[:100] - np.float32((0.0, 0.0, 0.3))
+    rows = _rows(np.concatenate([points, holes]), keep_table=True, max_points=10**6)
+    np.testing.assert_array_equal(rows, np.arange(len(points)))
 
 
 def test_sampling_is_bounded_sorted_and_reproducible() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.propose.level_pinch import level_pinches
-from dgs_grasp_planner.rank import AGAIN, ALIKE, DISTRUST, LEAST_SCORE, TURNED, rank
+from dgs_grasp_planner.rank import AGAIN, ALIKE, DISTRUST, LEAST_SCORE, NEAR_BY, TURNED, rank
 from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
@@ -110,16 +110,18 @@ def test_what_failed_is_tried_later_than_what_is_nearly_as_good() -> None:
 
 def test_a_thing_that_a_grasp_failed_on_is_trusted_less_and_others_as_before() -> None:
     stick = bar(half_width=0.012, height=0.025)
-    field = field_of(stick, stick + (0.2, 0.0, 0.0))
+    field = field_of(stick, stick + (0.07, 0.0, 0.0))
     pinches = fit(level_pinches(field), field)
     failed = np.eye(4)
-    failed[:3, 3] = 0.0, 0.0, 0.04
+    failed[:3, 3] = 0.0, 0.06, 0.04
     before, once = rank(pinches, field, NONE), rank(pinches, field, failed[None])
     twice = rank(pinches, field, np.stack([failed, failed]))
 
     def scores(grasps: GraspSet) -> tuple[np.ndarray, np.ndarray]:
-        first = grasps.reference_point[:, 0] < 0.1
-        return np.sort(grasps.score[first]), np.sort(grasps.score[~first])
+        away = np.linalg.norm(grasps.position - failed[:3, 3], axis=1)
+        at_it = (away < NEAR_BY) & (grasps.reference_point[:, 0] < 0.035)
+        assert (away[~at_it] < NEAR_BY).any() and (grasps.reference_point[~at_it, 0] < 0.035).any()
+        return np.sort(grasps.score[at_it]), np.sort(grasps.score[~at_it])
 
     for ranked, share in ((once, DISTRUST), (twice, DISTRUST**2)):
         for now, then, kept in zip(scores(ranked), scores(before), (share, 1.0), strict=True):

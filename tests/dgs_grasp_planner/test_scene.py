@@ -13,7 +13,8 @@ from dgs_description.frames import transform
 from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, Scene, prepare
 from tests.dgs_description.test_grasp import _some as some
-from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+from tests.dgs_grasp_planner.contact.test_height_field import BOX
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 from tests.support.refused import refused
 
 NONE = np.zeros((0, 3))
@@ -32,10 +33,20 @@ def test_what_is_wished_is_admitted() -> None:
     assert len(PlanRequest().admitted(grasps, NONE)) == 5
     limit = float(np.median(grasps.score))
     assert (PlanRequest(min_score=limit).admitted(grasps, NONE).score >= limit).all()
+    pushes = replace(grasps, active_fingers=np.zeros((5, HAND.finger_count), bool))
+    assert len(PlanRequest(min_score=1.0).admitted(pushes, grasps.reference_point)) == 5
     here = Region(transform(np.eye(3), grasps.reference_point[2]), np.full(3, 1e-3))
     np.testing.assert_array_equal(
         PlanRequest(region=here).admitted(grasps, NONE).position, grasps.position[[2]]
     )
+
+
+def test_what_is_too_small_for_a_shape_is_grasped_by_its_voxels() -> None:
+    grasps = replace(some(5), active_fingers=np.ones((5, HAND.finger_count), bool))
+    aimed = PlanRequest(things=grasps.reference_point[[2]])
+    elsewhere = field_of(BOX + (0.5, 0.5, 0.0))
+    found = aimed.admitted(grasps, NONE, elsewhere)
+    np.testing.assert_array_equal(found.position, grasps.position[[2]])
 
 
 def test_what_no_score_changes_is_made_once() -> None:

@@ -104,6 +104,8 @@ def test_a_wall_is_found_and_a_cereal_box_and_a_low_curb_are_none() -> None:
     rng = np.random.default_rng(0)
     (found,) = walls(_wall(rng, 0.6, 0.2), CAMERA)
     assert abs(found.normal[0] + 1.0) < 0.01 and found.offset == pytest.approx(0.2, abs=0.01)
+    (other,) = walls(_wall(np.random.default_rng(0), 0.6, 0.2) * (-1, 1, 1), CAMERA * (-1, 1, 1))
+    assert abs(other.normal[0] - 1.0) < 0.01, "away from the camera, too"
     assert not walls(_wall(rng, 0.24, 0.25), CAMERA)
     assert not walls(_wall(rng, 0.6, 0.10), CAMERA)
 

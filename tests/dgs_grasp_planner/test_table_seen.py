@@ -50,6 +50,15 @@ def test_a_table_that_is_seen_too_thinly_is_not_called_empty() -> None:
     assert "thin the cloud" in _refusal(points[first])
 
 
+def test_a_cloud_over_kilometres_is_refused_as_that() -> None:
+    with refused(ErrorCode.CLOUD_FORMAT, "tens of metres"):
+        _prepare(np.array([[0.0, 0.0, 0.1], [1e6, 1e6, 0.1]] * 100))
+
+
+def test_what_is_at_the_camera_itself_says_nothing() -> None:
+    _prepare(CAMERA + np.random.default_rng(0).uniform(-0.02, 0.02, (5000, 3)))
+
+
 def test_an_empty_table_is_empty() -> None:
     with refused(ErrorCode.NO_OBJECTS):
         _prepare(table_scene(objects=0))

@@ -40,10 +40,18 @@ def picture(
     return cv2.resize(seen, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
 
 
+@pytest.mark.parametrize("distortion", [(), (-0.3, 0.1, 0.0, 0.0)])
 @pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.3), (0.1, -0.6, -1.0)])
-def test_board_is_found_to_a_millimetre(rpy: tuple[float, float, float]) -> None:
+def test_board_is_found_to_a_millimetre(
+    rpy: tuple[float, float, float], distortion: tuple[float, ...]
+) -> None:
     truth = from_rpy((-0.05, -0.04, 0.5), rpy)
-    found = BOARD.locate(picture(truth), CAMERA)
+    seen = picture(truth)
+    if distortion:
+        pixels = np.indices(seen.shape, np.float32)[::-1].reshape(2, -1).T
+        straight = cv2.undistortPoints(pixels, CAMERA.matrix, np.array(distortion), P=CAMERA.matrix)
+        seen = cv2.remap(seen, straight.reshape(*seen.shape, 2), None, cv2.INTER_LINEAR)
+    found = BOARD.locate(seen, CAMERA, distortion)
     off = inverse(truth) @ found
     assert np.linalg.norm(off[:3, 3]) < 0.001
     assert np.rad2deg(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1))) < 0.4

@@ -23,21 +23,23 @@ def test_the_noise_of_a_standing_surface_goes_down() -> None:
 
 
 def test_what_moves_is_seen_where_it_is_now() -> None:
-    median = FramesMedian(5)
+    median, far = FramesMedian(5), np.ones((1, 1), np.float32)
     for column in range(10):
         frame = np.full((4, 12), 1.0, np.float32)
         frame[:, column] = 0.8
         np.testing.assert_array_equal(median(frame), frame)
+    assert [median(depth * far)[0, 0] for depth in (2.0, 2.0, 2.03)] == [2.0, 2.0, 2.0], "noise, there"
 
 
 def test_what_flickers_is_filled_and_holes_stay() -> None:
-    median = FramesMedian(5)
+    median = FramesMedian(4)
     for k in range(5):
         frame = np.full((2, 3), 1.0, np.float32)
-        frame[0, 0] = 0.0 if k in (1, 4) else 1.0
+        frame[0, 0] = 0.0 if k == 4 else 1.0
+        frame[0, 1] = 0.0 if k in (2, 4) else 1.0
         frame[1, 1] = 1.0 if k == 2 else np.nan
         calm = median(frame)
-    np.testing.assert_array_equal(calm, [[1, 1, 1], [1, 0, 1]])
+    np.testing.assert_array_equal(calm, [[1, 0, 1], [1, 0, 1]])
 
 
 def test_another_image_size_begins_anew() -> None:

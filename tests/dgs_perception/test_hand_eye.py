@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -15,6 +17,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.frames import from_rpy, inverse, to_quaternion, transform
 from dgs_perception.calibrate_hand_eye import app, read_samples
 from dgs_perception.hand_eye import calibrate
+from tests.dgs_perception.test_board import BOARD, CAMERA, picture
 from tests.support.refused import refused
 
 T_BASE_CAMERA = CELL.T_base_camera_optical
@@ -82,11 +85,23 @@ def test_poses_of_the_wrong_frames_and_a_slipped_board_are_refused() -> None:
             calibrate(tools, wrong).check()
 
 
-def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
-    def pose(T: np.ndarray) -> dict[str, list[float]]:
-        position, quaternion = to_quaternion(T)
-        return {"position": position.tolist(), "quaternion_xyzw": quaternion.tolist()}
+def test_a_camera_that_one_sample_moves_is_refused_and_the_worst_sample_named() -> None:
+    result, turned = calibrate(*samples()), np.zeros(15)
+    turned[3] = 0.1
+    for change, words in (
+        ({"spread": 0.006}, "leaving one sample out moves the camera by 6.0 mm"),
+        ({"residual_angles": turned}, "the worst is sample 3 "),
+    ):
+        with refused(ErrorCode.CALIBRATION_DATA, words):
+            replace(result, **change).check()
 
+
+def pose(T: np.ndarray) -> dict[str, list[float]]:
+    position, quaternion = to_quaternion(T)
+    return {"position": position.tolist(), "quaternion_xyzw": quaternion.tolist()}
+
+
+def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
     entries = [
         {"T_base_tool0": pose(t), "T_camera_board": pose(b)} for t, b in zip(tools, boards, strict=True)
     ]
@@ -112,6 +127,26 @@ def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> N
     )
     assert ended.exit_code == 1 and not out.exists()
     assert str(int(ErrorCode.CALIBRATION_DATA)) in ended.stderr
+    no_cell = CliRunner().invoke(app, [str(tmp_path / "samples.yaml"), "--out", ""])
+    assert no_cell.exit_code == 2 and "is DGS_CELL set?" in no_cell.stderr
+
+
+def test_samples_with_images_of_the_board(tmp_path: Path) -> None:
+    file, truth = tmp_path / "samples.yaml", from_rpy((-0.05, -0.04, 0.5), (0.5, 0.0, 0.3))
+    cv2.imwrite(str(tmp_path / "seen.png"), picture(truth))
+    camera = {key: getattr(CAMERA, key) for key in ("fx", "fy", "cx", "cy")}
+    content = {"board": asdict(BOARD), "camera": camera}
+    sample = {"T_base_tool0": pose(np.eye(4)), "image": "seen.png"}
+    file.write_text(yaml.safe_dump(content | {"samples": [sample]}))
+    np.testing.assert_allclose(read_samples(file)[1][0], truth, atol=0.005)
+    camera["distortion"] = [0.1, 0.0, 0.0]
+    for image, words in (
+        ("seen.png", "sample 0 of .*: 3 coefficients"),
+        ("none.png", "none.png is no image"),
+    ):
+        file.write_text(yaml.safe_dump(content | {"samples": [sample | {"image": image}]}))
+        with refused(ErrorCode.CALIBRATION_DATA, words):
+            read_samples(file)
 
 
 @pytest.mark.parametrize(

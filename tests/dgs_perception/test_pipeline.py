@@ -37,7 +37,7 @@ def test_the_unit_of_the_depth_image_counts():
 @pytest.mark.parametrize(
     ("frame", "T_base_frame"),
     [
-        ("base_link", np.eye(4)),
+        ("/base_link", np.eye(4)),
         (CAMERA_LINK, CELL.T_base_camera_link),
         ("camera_depth_optical_frame", CELL.T_base_camera_optical),
     ],

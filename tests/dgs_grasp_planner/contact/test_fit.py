@@ -130,6 +130,23 @@ def test_the_pre_grasp_opens_as_wide_as_before() -> None:
     assert way(fitted)[0].max() > 0.012 and way(fitted)[1].max() <= 0.006 + 1e-9
 
 
+def test_the_pre_grasp_stays_within_the_limits_and_idle_fingers_stay_where_they_are() -> None:
+    nearly_open = np.tile([0.0, 0.15, 0.1, 0.1], 5)
+    hand = replace(grasp(final=nearly_open), pre_grasp_joints=HAND.lower[None])
+    idle = replace(grasp(), active_fingers=np.array([[True, True, True, True, False]]))
+    fitted, rest = fit(hand, field_of(bar(0.04))), fit(idle, FIELD)
+    assert fitted.quality[0] > NO_HOLD and (fitted.pre_grasp_joints >= HAND.lower - 1e-12).all()
+    assert rest.quality[0] > NO_HOLD
+    np.testing.assert_array_equal(rest.pre_grasp_joints[0, -4:], idle.grasp_joints[0, -4:])
+
+
+def test_one_finger_holds_against_the_thumb_where_it_alone_takes_part_and_two_things_are_not_one() -> None:
+    pair = replace(grasp(), active_fingers=np.array([[True, False, True, False, False]]))
+    assert fit(pair, FIELD).quality[0] > NO_HOLD
+    walls = [bar(0.002) + (side * (HALF_WIDTH - 0.002), 0.0, 0.0) for side in (-1, 1)]
+    assert fit(grasp(), field_of(*walls)).quality[0] < fit(grasp(), FIELD).quality[0] - 0.2
+
+
 def test_the_table_is_not_cut() -> None:
     def lowest(grasps: GraspSet) -> float:
         spheres = HAND.finger_spheres(np.stack([grasps.pre_grasp_joints[0], grasps.grasp_joints[0]]))

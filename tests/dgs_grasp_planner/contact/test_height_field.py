@@ -8,7 +8,7 @@ import pytest
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, height_field
-from tests.dgs_grasp_planner.scenes import field_of, top
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, top
 from tests.support.refused import refused
 
 BOX = top((-0.03, 0.0301), (-0.05, 0.0501), 0.06)
@@ -82,6 +82,8 @@ def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
         ring = field.owner.ravel()[field.cells(np.array([[0.09, 0.0]]))]
         assert (field.owner.ravel()[middle] == ring).all() == filled
         assert (field.top(np.array([[0.04, 0.0]])) > 0) == filled
+    completed = field_of(seen, noise, low=low, camera=CAMERA)
+    assert completed.top(np.array([0.04, 0.0])) > 0 and (completed.feared >= completed.floors).all()
 
 
 def test_what_stands_on_a_plate_is_a_thing_of_its_own() -> None:

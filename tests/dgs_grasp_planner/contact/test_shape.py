@@ -35,6 +35,15 @@ def test_a_box_fills_its_hull_and_an_angle_does_not() -> None:
     assert angle.solidity == pytest.approx(6 / 7, abs=0.03)
 
 
+def test_a_bowl_is_a_vessel_and_what_is_too_low_to_tell_is_none() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-0.06, 0.06, 0.0015)] * 2))
+    radius = np.hypot(x, y)
+    bowl = np.column_stack([x, y, np.where(radius > 0.05, 0.05, 0.02)])[radius < 0.06]
+    for height, vessel in ((1.0, True), (0.45, False)):
+        (shape,) = field_of(bowl * (1.0, 1.0, height)).shapes.values()
+        assert shape.vessel == vessel
+
+
 def test_the_near_side_does_not_follow_single_cells() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.2, CELL), np.arange(-0.05, 0.05, CELL)))
     points = np.concatenate([np.column_stack([x, y]), [[0.05, 0.0]]])
@@ -43,3 +52,5 @@ def test_the_near_side_does_not_follow_single_cells() -> None:
     assert near_side(points, ahead, at, 0.03, share=0.0) == pytest.approx(0.15, abs=CELL)
     assert near_side(points, -ahead, at, 0.03) == pytest.approx(-0.3, abs=CELL)
     assert near_side(points, ahead, at + [0.0, 0.2], 0.03) is None
+    split = points[np.abs(points[:, 1]) > 0.01]
+    assert near_side(split, ahead, at, 0.03, share=1.0) == pytest.approx(0.2, abs=CELL)

@@ -71,8 +71,9 @@ def test_votes_that_err_and_single_ones_that_say_something_else_change_little() 
 
 def test_a_middle_may_lie_beyond_the_grid_and_nothing_is_no_thing() -> None:
     owner = np.ones((20, 20), np.int32)
-    way = ((np.array([30, 8])[:, None, None] - np.indices((20, 20))) * CELL).astype(np.float32)
-    assert (told_apart(owner, way) == 1).all()
+    for middle in ([30, 8], [-60, 90]):
+        way = ((np.array(middle)[:, None, None] - np.indices((20, 20))) * CELL).astype(np.float32)
+        assert (told_apart(owner, way) == 1).all()
     assert not told_apart(owner * 0, way).any()
 
 

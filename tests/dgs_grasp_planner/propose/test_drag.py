@@ -55,14 +55,19 @@ def test_it_is_closed_onto_like_any_pinch_where_it_lies() -> None:
 def test_what_lies_along_the_edge_is_broad_or_sticks_out_is_not_dragged() -> None:
     assert not len(drags(field_of(knife(np.pi / 2)), EDGE))
     assert not len(drags(field_of(case(-0.05)), EDGE))
+    assert not len(drags(field_of(knife() * (1.0, 3.5, 1.0)), EDGE)), "that can be pushed"
     assert not len(drags(field_of(knife(x=EDGE + 0.02)), EDGE))
 
 
 def test_it_goes_around_what_lies_in_the_way_and_only_where_the_edge_is_free() -> None:
     block = knife(np.pi / 2, x=-0.17) * (1.0, 0.5, 4.0)
-    ways = [drags(field_of(np.concatenate([knife(), other])), EDGE).motion for other in (block, block[:0])]
+    in_the_hands_way = knife(x=-0.2, height=0.06) * (1.0, 0.5, 1.0) + (0.0, 0.035, 0.0)
+    ways = [
+        drags(field_of(np.concatenate([knife(), other])), EDGE).motion
+        for other in (block, in_the_hands_way, block[:0])
+    ]
     straight = [(np.abs(way[:, 1]) < 1e-9).any() for way in ways]
-    assert len(ways[0]) and straight == [False, True]
+    assert len(ways[0]) and straight == [False, False, True]
     beside = drags(field_of(knife()), EDGE, PushSettings(free=(0.1, 0.3)))
     assert len(beside) and (beside.motion[:, 1] > 0.1).all() and (beside.motion[:, 1] < 0.3).all()
 

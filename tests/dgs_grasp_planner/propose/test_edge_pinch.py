@@ -10,6 +10,7 @@ import pytest
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
+from dgs_grasp_planner.contact.things import CELL
 from dgs_grasp_planner.propose.edge_pinch import BALANCE, LEAST_INSET, EdgePinch, edge_pinches
 from dgs_grasp_planner.scene import Scene
 from tests.dgs_grasp_planner.scenes import CAMERA, field_of, top
@@ -77,7 +78,7 @@ def test_turned_hands_are_proposed_too_and_rank_behind() -> None:
 
 @pytest.mark.parametrize(
     ("front", "height", "edge"),
-    [(-0.26, THICK, EDGE), (FRONT, 0.09, EDGE), (-0.2, THICK, EDGE), (FRONT, THICK, None)],
+    [(-0.275, THICK, EDGE), (FRONT, 0.09, EDGE), (-0.2, THICK, EDGE), (FRONT, THICK, None)],
 )
 def test_nothing_where_too_little_sticks_out_or_it_is_too_thick(
     front: float, height: float, edge: float | None
@@ -112,3 +113,4 @@ def test_a_phone_that_lies_along_the_edge_is_pinched_where_its_middle_may_come_t
     phone = phone[(phone[:, 0] < phone[:, 0].min() + 0.08) & (np.abs(phone[:, 1]) < 0.08)]
     found = edge_pinches(field_of(phone), EDGE)
     assert len(found) and (EDGE - found.reference_point[:, 0] > 0.01).all()
+    assert (found.reference_point[:, 0] - phone[:, 0].min() > LEAST_INSET - CELL / 2).all()

@@ -123,6 +123,16 @@ def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
     assert (field.top(grasps.reference_point) > 0).all(), "on the thing, not in its gap"
 
 
+@pytest.mark.parametrize("legs", [0.012, 0.020])
+def test_a_hairpin_is_not_pinched_in_its_gap_nor_a_comb_by_its_teeth(legs: float) -> None:
+    pin = [top((x - 0.003, x + 0.003), (-0.07, 0.07), 0.02) for x in (-legs, legs)]
+    field = field_of(*pin, top((-legs, legs), (0.064, 0.07), 0.02))
+    grasps = level_pinches(field)
+    assert len(grasps) and (field.top(grasps.reference_point) > 0).all()
+    teeth = [top((x - 0.006, x + 0.006), (-0.05, 0.06), 0.02) for x in (-0.046, 0.0, 0.046)]
+    assert not len(level_pinches(field_of(*teeth, top((-0.046, 0.046), (0.045, 0.06), 0.02))))
+
+
 PLIERS = (
     top((-0.008, 0.008), (-0.08, -0.02), 0.018),
     *(top((x - 0.006, x + 0.006), (-0.02, 0.09), 0.018) for x in (-0.018, 0.018)),

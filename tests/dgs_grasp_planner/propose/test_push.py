@@ -106,13 +106,14 @@ def test_a_round_far_side_is_met_beside_its_middle() -> None:
     assert push.position[0] < straight.position[0] - 0.004
 
 
-@pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
+@pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.295), case(FRONT, height=0.09)])
 def test_what_fits_the_hand_sticks_out_or_is_too_thick_stays(cloud: np.ndarray) -> None:
     assert not len(pushes(field_of(cloud), EDGE))
 
 
 def test_what_lies_at_the_far_end_of_a_table_is_pushed_all_the_way() -> None:
     assert pushes(field_of(case(0.38)), EDGE).best_first()[0].motion[0] < -0.6
+    assert not len(pushes(field_of(case(0.7)), EDGE)), "no arm reaches so far"
 
 
 @pytest.mark.parametrize("depth", [0.095, 0.13, 0.2])
@@ -141,6 +142,13 @@ def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: f
     for push, gap in zip(along, np.repeat(GAPS, len(LEANS)), strict=False):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
+
+
+def test_where_only_a_hand_s_breadth_of_the_edge_is_free_it_is_pushed_to_its_middle() -> None:
+    found = pushes(field_of(case(FRONT, y=-0.2)), EDGE, PushSettings(free=(0.2, 0.25)))
+    straight = found[(np.abs(found.motion[:, 0]) < 1e-9) & (found.motion[:, 1] > 0.3)]
+    ends = straight.reference_point[:, 1] + straight.motion[:, 1]
+    assert len(ends) and (np.abs(ends - 0.225) < GAPS[0] + 0.006).all()
 
 
 def test_along_the_edge_it_is_pushed_around_what_is_in_the_way_and_always_on() -> None:

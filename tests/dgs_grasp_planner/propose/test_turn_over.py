@@ -41,6 +41,7 @@ def scene_of(points: np.ndarray, edge: float | None = EDGE) -> Scene:
 def test_fingers_go_beneath_the_rim_then_up_and_over_the_table() -> None:
     grasps = turns_over(field_of(bowl()), EDGE)
     assert len(grasps) >= 6 and (grasps.source == "turn_over").all() and not grasps.holds.any()
+    assert abs(grasps.best_first().motion[0, 1]) < 1e-9, "straight over the edge first"
     for grasp in grasps:
         spheres = HAND.finger_spheres(grasp.grasp_joints)[1:] @ grasp.rotation.T + grasp.position
         inside = spheres[..., 0] > AT_THE_EDGE - RADIUS
@@ -80,7 +81,7 @@ def test_nothing_else_is_turned_over(points: np.ndarray, edge: float | None) -> 
 def test_domes_are_pushed_to_the_edge_where_they_can_be_turned_over_and_not_pinched_there() -> None:
     assert not len(EdgePinch()(scene_of(bowl()))) and len(EdgePinch()(scene_of(bowl(upside_down=False))))
     lying = scene_of(bowl(AT_THE_EDGE + 0.2))
-    assert len(Push()(lying))
+    assert abs(Push()(lying).best_first().rotation[0, 0, 2]) < 1e-6, "by an upright hand"
     aside = Push(PushSettings(turning=(0.1, 0.2)))(lying)
     towards = aside.motion[:, 0] < -0.05
     assert len(aside) and not (towards & (np.abs(aside.motion[:, 1]) < 0.05)).any(), (
