@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,7 @@ For every sample the robot stands still. The file:
 Exit code 0: written; 1: the data were refused, nothing is written.
 """
 
+_bad = partial(DgsError, ErrorCode.CALIBRATION_DATA)
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
@@ -47,45 +49,45 @@ def read_samples(path: Path) -> tuple[Array, Array]:
         if not isinstance(samples, list) or not samples:
             raise ValueError("`samples` must be a list")
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise DgsError(ErrorCode.CALIBRATION_DATA, f"{path} is no file of samples: {error!r}") from error
+        raise _bad(f"{path} is no file of samples: {error!r}") from error
     tools, boards = [], []
     for k, sample in enumerate(samples):
         try:
-            tools.append(_read_pose(sample["T_base_tool0"]))
+            tools.append(_read_pose(sample, "T_base_tool0"))
             if "image" in sample:
                 boards.append(_located(path.parent / sample["image"], board, content.get("camera")))
             else:
-                boards.append(_read_pose(sample["T_camera_board"]))
+                boards.append(_read_pose(sample, "T_camera_board"))
         except (DgsError, AttributeError, KeyError, TypeError, ValueError) as error:
             why = error.message if isinstance(error, DgsError) else repr(error)
-            raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {why}") from error
+            raise _bad(f"sample {k} of {path}: {why}") from error
     return np.stack(tools), np.stack(boards)
 
 
-def _read_pose(entry: dict[str, Any]) -> Array:
-    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`. Raises ValueError: "has ..."."""
-    values = []
+def _read_pose(sample: dict[str, Any], name: str) -> Array:
+    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`. Raises DgsError CALIBRATION_DATA."""
+    entry, values = sample[name], []
     for key, count in (("position", 3), ("quaternion_xyzw", 4)):
         try:
             numbers = np.array(entry.get(key), float)
         except (TypeError, ValueError):
             numbers = np.empty(0)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
-            raise ValueError(f"has {key} {entry.get(key)!r}; it must be {count} finite numbers")
+            raise _bad(f"{name} has {key} {entry.get(key)!r}; it must be {count} finite numbers")
         values.append(numbers)
     position, quaternion = values
     norm = float(np.linalg.norm(quaternion))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        raise ValueError(f"has a quaternion of norm {norm:.4f}; it must be 1")
+        raise _bad(f"{name} has a quaternion of norm {norm:.4f}; it must be 1")
     return from_quaternion(position, quaternion / norm)
 
 
 def _located(path: Path, board: CharucoBoard | None, camera: dict[str, Any] | None) -> Array:
     if board is None or camera is None:
-        raise ValueError("an image needs `board` and `camera` at the top of the file")
+        raise _bad("an image needs `board` and `camera` at the top of the file")
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise ValueError(f"{path} is no image")
+        raise _bad(f"{path} is no image")
     height, width = image.shape
     pinhole = PinholeCamera(width, height, *(float(camera[key]) for key in ("fx", "fy", "cx", "cy")))
     return board.locate(np.asarray(image, np.uint8), pinhole, camera.get("distortion") or ())

@@ -116,6 +116,9 @@ def test_command_writes_the_camera_into_the_cell(tmp_path: Path) -> None:
     assert ended.exit_code == 0
     assert error(load_cell(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
     assert "leave_one_out_m" in ended.stdout and figures.exists()
+    noisy = written(tmp_path / "noisy.yaml", *samples(20, 0, position_noise=0.001))
+    for limits, code in (([], 0), (["--max-residual", "1e-4"], 1), (["--max-spread", "1e-4"], 1)):
+        assert CliRunner().invoke(app, [str(noisy), "--out", str(out), *limits]).exit_code == code
 
 
 def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> None:
@@ -142,25 +145,41 @@ def test_samples_with_images_of_the_board(tmp_path: Path) -> None:
     camera["distortion"] = [0.1, 0.0, 0.0]
     for image, words in (
         ("seen.png", "sample 0 of .*: 3 coefficients"),
-        ("none.png", "none.png is no image"),
+        ("none.png", "sample 0 of .*: .*none.png is no image"),
     ):
         file.write_text(yaml.safe_dump(content | {"samples": [sample | {"image": image}]}))
         with refused(ErrorCode.CALIBRATION_DATA, words):
             read_samples(file)
+    file.write_text(yaml.safe_dump({"samples": [sample]}))
+    with refused(ErrorCode.CALIBRATION_DATA, "sample 0 of .*: an image needs `board` and `camera`"):
+        read_samples(file)
+
+
+RIGHT = "{position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}"
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("samples", "words"),
     [
-        "",
-        "samples: 3",
-        "samples: [{T_base_tool0: {position: [0, 0], quaternion_xyzw: [0, 0, 0, 1]}}]",
-        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 2]}}]",
-        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}}]",
-        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}, image: none.png}]",
+        ("", "no file of samples"),
+        ("3", "no file of samples"),
+        ("[]", "no file of samples"),
+        (f"[{{T_base_tool0: {RIGHT}}}]", "sample 0 .*T_camera_board"),
+        *(
+            (
+                f"[{{T_base_tool0: {RIGHT}, T_camera_board: {wrong}}}]",
+                f"sample 0 of .*: T_camera_board has {words}",
+            )
+            for wrong, words in (
+                ("{position: [0, 0], quaternion_xyzw: [0, 0, 0, 1]}", r"position \[0, 0\]"),
+                ("{position: [0, 0, .nan], quaternion_xyzw: [0, 0, 0, 1]}", r"position \[0, 0, nan\]"),
+                ("{position: [0, 0, up], quaternion_xyzw: [0, 0, 0, 1]}", "position .*'up'"),
+                ("{position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 2]}", "a quaternion of norm 2"),
+            )
+        ),
     ],
 )
-def test_files_that_are_no_samples(tmp_path: Path, text: str) -> None:
-    (tmp_path / "samples.yaml").write_text(text)
-    with refused(ErrorCode.CALIBRATION_DATA, "samples.yaml"):
+def test_files_that_are_no_samples(tmp_path: Path, samples: str, words: str) -> None:
+    (tmp_path / "samples.yaml").write_text(samples and f"samples: {samples}")
+    with refused(ErrorCode.CALIBRATION_DATA, words):
         read_samples(tmp_path / "samples.yaml")
