@@ -174,10 +174,8 @@ def _crossed(points: NDArray, camera: Array) -> float:
     """Share of squares of the picture in which points lie behind one another."""
     ray = (points - camera).astype(np.float32)
     axis = ray.T.mean(axis=1)
-    axis /= np.linalg.norm(axis)
+    axis /= max(float(np.linalg.norm(axis)), 1e-9)
     ray = ray.compress(ray @ axis > 0.05, axis=0)
-    if not len(ray):
-        return 0.0
     ahead = ray @ axis
     number = squares((ray @ np.linalg.svd(axis[None])[2][1:].T) / ahead[:, None], RAY)
     count = np.bincount(number)

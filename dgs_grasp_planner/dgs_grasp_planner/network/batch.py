@@ -9,7 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.geometry import Level, build_levels
 from dgs_grasp_planner.network.voxels import voxelise
@@ -99,20 +98,14 @@ def collate(
     """Voxelise a batch of clouds and build all tables.
 
     Args:
-        points: per cloud (N_i, 3) float32 [m] in the input frame.
+        points: per cloud (N_i, 3) float32 [m] in the input frame, all finite, at least one each.
         features: per cloud (N_i, F) from `input_features`.
         with_pairs: build the pair lists; not needed if the batch goes to a GPU.
 
     Raises:
-        DgsError: CLOUD_EMPTY, CLOUD_NOT_FINITE, or CLOUD_FORMAT (shapes, extent).
+        DgsError: CLOUD_FORMAT: a cloud extends too far.
     """
-    if not points or any(p.shape[0] == 0 for p in points):
-        raise DgsError(ErrorCode.CLOUD_EMPTY, "a cloud of the batch has no points")
-    if any(p.shape != (len(f), 3) for p, f in zip(points, features, strict=True)):
-        raise DgsError(ErrorCode.CLOUD_FORMAT, "points must be (N, 3) with one row of features each")
     xyz, values = torch.cat(list(points)), torch.cat(list(features))
-    if not bool(torch.isfinite(xyz).all()):
-        raise DgsError(ErrorCode.CLOUD_NOT_FINITE, "a cloud of the batch holds NaN or infinity")
     lengths = torch.tensor([len(p) for p in points], device=xyz.device)
     cloud = torch.repeat_interleave(torch.arange(len(points), device=xyz.device), lengths)
     size = config.voxel_size
@@ -122,11 +115,6 @@ def collate(
     if "residual" in config.features:
         residual = centres / size - (voxels.lattice.to(xyz.dtype) + 0.5)
         averaged = torch.cat([averaged, residual], 1)
-    if averaged.shape[1] != config.feature_width:
-        raise DgsError(
-            ErrorCode.CLOUD_FORMAT,
-            f"{averaged.shape[1]} features came, the network takes {config.feature_width}",
-        )
     levels = build_levels(
         voxels.grid, voxels.cloud, voxels.codes, len(points), config.levels, config.patch_size, with_pairs
     )

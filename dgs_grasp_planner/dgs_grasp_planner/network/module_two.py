@@ -133,8 +133,7 @@ class ModuleTwo(nn.Module):
             needed.append(torch.unique(around[around < level.rows]))
         source = needed.pop()
         patches = level.patches[0]
-        place, order = patches.back.index_select(0, source).sort()
-        source = source.index_select(0, order)
+        place = patches.back.index_select(0, source)  # ascending, as the rows are along the first curve
         window, window_of_row = torch.unique_consecutive(place // patches.size, return_inverse=True)
         gather = patches.gather.view(-1, patches.size).index_select(0, window).reshape(-1)
         mask = None if patches.mask is None else patches.mask.index_select(0, window)

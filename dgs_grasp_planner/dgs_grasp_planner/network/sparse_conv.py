@@ -39,8 +39,7 @@ def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
     products = x.new_empty(pairs.source.shape[0], weight.shape[2])
     parts = zip(_rows_by_offset(x, pairs.source, pairs.count), products.split(pairs.count), strict=True)
     for k, (rows, out) in enumerate(parts):
-        if pairs.count[k]:
-            torch.mm(rows, weight[k], out=out)
+        torch.mm(rows, weight[k], out=out)
     return _sum_by_destination(products, pairs)
 
 
@@ -117,10 +116,9 @@ class _PairConvolution(torch.autograd.Function):
         begin = 0
         for k, (grads, rows) in enumerate(zip(grads_by_offset, rows_by_offset, strict=True)):
             end = begin + pairs.count[k]
-            if end > begin:
-                tall_product(rows, grads, grad_weight[26 - k])
-                if products is not None:
-                    torch.mm(grads, weight[26 - k].t(), out=products[begin:end])
+            tall_product(rows, grads, grad_weight[26 - k])
+            if products is not None:
+                torch.mm(grads, weight[26 - k].t(), out=products[begin:end])
             begin = end
         return None if products is None else _sum_by_destination(products, pairs), grad_weight, None
 
