@@ -62,7 +62,7 @@ def grasps_from_outputs(
 
     Args:
         reference_point: (S, 3) [m].
-        score: (S,).
+        score: (S,) in [0, 1].
         rotation6d: (S, 6).
         offset: (S, 3) [m].
         j_init, j_end: (S, D) active joints [rad], clipped here.
@@ -77,6 +77,6 @@ def grasps_from_outputs(
         pre_grasp_joints=before,
         grasp_joints=final,
         active_fingers=flexion > IDLE,
-        score=np.clip(np.asarray(score, np.float64), 0.0, 1.0),
+        score=score,
         reference_point=point,
     ).best_first()
