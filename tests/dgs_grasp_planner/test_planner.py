@@ -15,6 +15,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner import scene as scene_module
 from dgs_grasp_planner.check import check
+from dgs_grasp_planner.contact.shape_completion import shape_completion
 from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.input_frame import table_from_input
@@ -189,10 +190,21 @@ def test_the_proposers_are_chosen_by_name() -> None:
     network = DgsNet(eager_network())
     assert [proposer.name for proposer in planner_with(network).proposers] == list(SHIPPED)
     assert len(planner_with(None, ["level_pinch"]).proposers) == 1
+    whole = DgsNet(DGSNet(replace(network.net.config, keep_table=True)))
+    assert planner_with(whole).settings.keep_table and not planner_with(network).settings.keep_table
     for proposers in ([], ["dgs_net", "best"]):
         names = "choose from level_pinch, edge_pinch, turn_over, drag, push, part, dgs_net"
         with refused(ErrorCode.PARAMETER_INVALID, names):
             planner_with(network, proposers)
+
+
+def test_a_planner_without_the_weights_of_hidden_sides_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DGS_MODELS_DIR", str(tmp_path))
+    shape_completion.cache_clear()
+    with refused(ErrorCode.WEIGHTS_MISSING, "dgs train-shape-completion"):
+        planner_with(None, ["level_pinch"])
 
 
 def test_region_and_limits(network_alone: GraspPlanner) -> None:

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dgs_description.errors import ErrorCode
-from dgs_perception.bags import BagSource, BagWriter
+from dgs_perception.bags import SINGLE_MESSAGE_PERIOD, BagSource, BagWriter
 from tests.dgs_perception.bags import (
     DEPTH_TOPIC,
     INFO_TOPIC,
@@ -244,6 +244,41 @@ def test_replay_loops_until_it_is_stopped(tmp_path):
             if len(seen) == 5:
                 stop.set()
     assert seen == [START_NS, START_NS + 10_000_000] * 2 + [START_NS]
+
+
+def one_moment(path, what):
+    """A bag that lasts for no time."""
+    if what == "depth":
+        return write_depth_bag(path, [np.ones((4, 6), np.uint16)], 5.0)
+    return write_cloud_bag(path, clouds({"one": 1, "two": 2}[what]), rate=np.inf)
+
+
+@pytest.mark.parametrize("what", ["one", "two", "depth"])
+def test_a_bag_of_one_moment_loops_with_a_pause(tmp_path, what):
+    stop, times = threading.Event(), []
+    with closing(BagSource(one_moment(tmp_path / "bag", what))) as source:
+        for message in source.replay(stop):
+            times += [time.monotonic()] * (message.topic == source.topic)
+            if len(times) == 3:
+                stop.set()
+    assert times[-1] - times[0] > 0.9 * SINGLE_MESSAGE_PERIOD
+    source.close()
+
+
+def test_the_pace_is_that_of_the_images_wherever_camera_infos_stand(tmp_path):
+    with closing(BagWriter(tmp_path / "bag")) as writer:
+        for k in range(3):
+            stamp = START_NS + k * 10**8
+            write(writer, DEPTH_TOPIC, depth_image(np.ones((4, 6), np.uint16), stamp), stamp)
+        write(writer, INFO_TOPIC, camera_info(6, 4, 5.0, stamp), stamp + 1000)
+    stop, times = threading.Event(), []
+    with closing(BagSource(tmp_path / "bag")) as source:
+        start = time.monotonic()
+        for message in source.replay(stop):
+            times += [time.monotonic() - start] * (message.topic == DEPTH_TOPIC)
+            if len(times) == 4:
+                stop.set()
+    np.testing.assert_array_less(0.1 * np.arange(4) - 1e-3, times)
 
 
 def test_stopping_ends_a_pause_at_once(tmp_path):

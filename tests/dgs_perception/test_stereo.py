@@ -116,6 +116,9 @@ def test_disparity_grows_by_the_whole_pixels_that_the_image_was_shrunk_to(tmp_pa
     image = np.zeros((480, 640), np.uint8)
     columns = round(640 * 320 / 480)  # of 426.7
     np.testing.assert_allclose(matcher(image, image), 30.0 * 640 / columns, rtol=1e-6)
+    matcher._session = SimpleNamespace(run=lambda *_: [answers[..., 1:]])
+    with refused(ErrorCode.DEPTH_SOURCE, "failed on images of 640 x 480 px"):
+        matcher(image, image)
 
 
 def test_unfit_networks_are_refused_with_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,3 +59,6 @@ def test_a_broken_description_or_one_of_another_shape_is_refused(model: Path) ->
         sidecar.write_text(text)
         with refused(ErrorCode.WEIGHTS_ALTERED, words):
             load_network(model, "net")
+    sidecar.write_text(json.dumps({**values, "hand": "another"}))
+    with refused(ErrorCode.WRONG_HAND, "another"):
+        load_network(model, "net")
