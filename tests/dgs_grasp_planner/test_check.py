@@ -175,6 +175,10 @@ def test_the_table_ends_at_its_edge() -> None:
     into = replace(beside, motion=np.array([[0.4, 0.0, 0.0]]))
     assert check(beside, NOTHING, edge=0.0).accepted[0]
     assert check(into, NOTHING, edge=0.0).reasons[0] == Reason.TABLE_AT_GRASP
+    beneath = grasp((-0.2, 0.0, 0.13), Rotation.from_euler("y", 120, degrees=True).as_matrix() @ DOWN)
+    assert check(beneath, NOTHING, edge=0.0).reasons[0] == Reason.TABLE_IN_APPROACH, (
+        "the palm, not its corners"
+    )
 
 
 def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:

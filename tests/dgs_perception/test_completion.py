@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.cell import HOME_ARM
 from dgs_description.errors import ErrorCode
 from dgs_description.paths import models_dir
@@ -67,10 +68,14 @@ def test_a_floor_that_shows_more_of_itself_is_not_the_table() -> None:
     np.testing.assert_allclose(table_plane(depth, x, y), [0, 0, 0.5], atol=1e-6)
 
 
-def test_an_image_without_depth_has_a_plane_at_1_m() -> None:
-    given = network_input(np.zeros((480, 848), np.float32), np.zeros((480, 848), np.uint8), D455)
+def test_an_image_without_depth_has_a_plane_at_1_m_and_a_single_row_one_at_its_depth() -> None:
+    camera = PinholeCamera.centred(846, 478, 447.0)
+    given = network_input(np.zeros((478, 846), np.float32), np.zeros((478, 846), np.uint8), camera)
     np.testing.assert_array_equal(given.plane, [0, 0, 1])
-    assert np.isfinite(given.features).all()
+    assert given.features.shape == (4, 238, 422) and np.isfinite(given.features).all()
+    row = np.zeros((238, 422), np.float32)
+    row[0] = 0.8
+    np.testing.assert_allclose(table_plane(row, *half_rays(camera)), [0, 0, 1 / 0.8], rtol=1e-6)
 
 
 def test_missing_weights_are_refused(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ from dgs_grasp_planner.propose.push import (
     SHORT,
     Push,
     PushSettings,
+    heights_beside,
     pushes,
 )
 from tests.dgs_grasp_planner.contact.test_closing import bar
@@ -186,6 +189,15 @@ def test_the_planner_grasps_before_it_pushes() -> None:
     assert (np.diff(turns) >= 0).all() and set(turns) >= {0, 1}
     unaware = GraspPlanner([EdgePinch(), Push()])
     assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
+
+
+@pytest.mark.parametrize(("size", "in_the_way"), [(0.5, True), (0.2, False)])
+def test_a_splinter_is_a_part_of_the_thing_and_a_large_piece_beside_it_is_not(
+    size: float, in_the_way: bool
+) -> None:
+    field = field_of(case(FRONT), case(FRONT) * (size, size, 1.0) + (0.2, 0.0, 0.0))
+    one_thing = replace(field, things=np.minimum(field.owner, 1))
+    assert (heights_beside(one_thing, one_thing.shapes[1]).max() > 0) == in_the_way
 
 
 BOX = top((-0.03, 0.03), (-0.045, 0.045), 0.03)
