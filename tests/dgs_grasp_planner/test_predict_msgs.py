@@ -9,6 +9,7 @@ import pytest
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Quaternion, Vector3
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from dgs_description.cell import CELL
@@ -47,6 +48,9 @@ def test_an_empty_request_means_the_defaults() -> None:
 def test_a_cloud_without_points_is_still_a_cloud() -> None:
     assert brings_cloud(PredictGrasps.Request(cloud=numpy_to_cloud(np.zeros((0, 3)), "base_link")))
     assert brings_cloud(PredictGrasps.Request(cloud=numpy_to_cloud(np.zeros((1, 3)), "")))
+    assert brings_cloud(PredictGrasps.Request(cloud=PointCloud2(width=5, height=1))), (
+        "though it lacks its data"
+    )
 
 
 def test_region_is_turned_into_the_table_frame() -> None:
