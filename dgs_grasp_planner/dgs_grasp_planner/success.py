@@ -79,14 +79,13 @@ def _shapes(found: Contacts, field: HeightField) -> Array:
         across = np.einsum("kci,ki->kc", away, flat[mine][:, ::-1] * (-1, 1))
         share = heights / heights.sum()
         near = np.abs(across) < BAND
-        # The line goes through one of its cells.
         breadth = np.where(near, along, -np.inf).max(axis=1) - np.where(near, along, np.inf).min(axis=1)
         out[mine] = np.column_stack(
             [
                 np.abs(across @ share),
                 along @ share,
                 np.ptp(across, axis=1),
-                breadth,
+                np.where(near.any(axis=1), breadth, 0.0),
                 np.tile([heights.max(), heights.mean(), 1e3 * heights.sum() * CELL**2], (len(mine), 1)),
             ]
         )
