@@ -150,7 +150,6 @@ class Robot:
         Raises:
             DgsError: SAFETY_ENVELOPE, and whatever interrupts or ends it.
         """
-        self._check()
         motion = self._checked(trajectory, hand_shapes)
         message = path_to_trajectory(ARM_JOINTS, JointPath(**vars(motion)))
         tolerance = to_duration(_GOAL_TIME_TOLERANCE)

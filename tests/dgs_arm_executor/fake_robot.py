@@ -35,6 +35,7 @@ class FakeRobot:
         self.watch, self.force = self, ForceGuard()
         self.load: Load | None = Load(GRASP)
         self.obstructed = False
+        self.looks = 0
         self.done: list[str] = []
         self.shapes: list[bool] = []
         self.postures: list[np.ndarray] = []
@@ -51,6 +52,7 @@ class FakeRobot:
 
     def look(self, fresh: bool) -> ArmSituation:
         assert not fresh, "the way home must not wait for a camera"
+        self.looks += 1
         return self.situation()
 
     def hand_at_rest(self) -> ArmSituation:

@@ -99,8 +99,9 @@ def test_an_empty_hand_opens_before_the_way_home_where_it_has_room_else_at_home(
 
 def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
     robot = FakeRobot(None, None)
+    robot.load = None
     assert go_home(robot, blocked=2).code == ErrorCode.SUCCESS
-    assert robot.done[-2:] == ["home", "arm moved"]
+    assert robot.done[-2:] == ["home", "arm moved"] and robot.looks == 3, "with what is seen by then"
 
 
 def test_a_way_home_that_stays_blocked_ends_with_its_code(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,12 +42,14 @@ class Scripted:
     def __init__(self, work: Callable[[Callable[[], None]], Any]) -> None:
         self.work = work
         self.cancelled = threading.Event()
+        self.gone: ErrorCode | None = None
 
     def available(self) -> bool:
         return True
 
     def check(self) -> None:
-        """The server is there."""
+        if self.gone is not None:
+            raise DgsError(self.gone, "has gone")
 
     def cancel(self) -> None:
         self.cancelled.set()
@@ -68,14 +70,14 @@ def way() -> Trajectory:
     return time_path(SmoothPath.line(HOME_ARM, HOME_ARM + (0.2, 0, 0, 0, 0, 0)))
 
 
-def made_robot(arm: Scripted, hand: Scripted) -> Robot:
+def made_robot(arm: Scripted, hand: Scripted, payload: Any = None, silence: float = 1e6) -> Robot:
     """Its arm is known to stand."""
-    watch = RobotWatch(time.monotonic, silence=1e6)
+    watch = RobotWatch(time.monotonic, silence)
     for stamp in (0.0, STANDS):
         watch.arm_state(HOME_ARM, stamp)
     watch.hand_state(HAND.open_hand)
     parts = cast(RemoteGoal, arm), cast(RemoteGoal, hand)
-    return Robot(ArmExecutorParameters(), watch, *parts, None, lambda fresh: ObstacleCloud())
+    return Robot(ArmExecutorParameters(), watch, *parts, payload, lambda fresh: ObstacleCloud())
 
 
 def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = None) -> Robot:
@@ -207,6 +209,15 @@ def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     assert told[-1][1]
     moved.enter("release")
     assert told[-1] == ("release", True), "it stays so until the goal's end"
+    moved.candidate = 3
+    for stamp in (4, 5):
+        moved.watch.arm_state(HOME_ARM, stamp * STANDS)
+    moved.begin(lambda: "", lambda stage, index, share, clear: told.append((f"{stage} {index}", clear)))
+    moved.enter("planning")
+    assert told[-1] == ("planning -1", False)
+    moved.arm = cast(RemoteGoal, Scripted(lambda watch: arrive(moved)))
+    moved.move_arm(way(), HAND.open_hand, clear_from=0.1)
+    assert told[-1][1], "at its end at the latest"
 
 
 def test_a_goal_begins_when_the_arm_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -265,3 +276,118 @@ def test_a_motion_has_its_time_though_the_clock_is_set_back(monkeypatch: pytest.
     moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
     with refused(ErrorCode.TRAJECTORY_ABORTED, "has not ended"):
         moved.move_arm(way(), HAND.open_hand)
+
+
+def test_a_motion_that_the_robot_slows_down_has_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_TIMEOUT_FACTOR", 0.0)
+    monkeypatch.setattr(module, "_TIMEOUT_EXTRA", 0.1)
+
+    def drive(watch: Callable[[], None]) -> Any:
+        moved.watch.speed_state(10.0)
+        begun = time.monotonic()
+        until(lambda: time.monotonic() - begun > 0.3, watch)
+        return arrive(moved)
+
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
+    moved.move_arm(way(), HAND.open_hand)
+
+
+@pytest.mark.parametrize("gone", [ErrorCode.CONTROLLER_UNAVAILABLE, ErrorCode.HAND_UNAVAILABLE])
+def test_a_server_that_goes_ends_the_motion_of_the_other_one(gone: ErrorCode) -> None:
+    def work(watch: Callable[[], None]) -> Any:
+        other.gone = gone
+        until(lambda: False, watch)
+
+    arm, hand = Scripted(work), Scripted(work)
+    moved = robot(arm, hand)
+    other = hand if gone is ErrorCode.HAND_UNAVAILABLE else arm
+    with refused(gone):
+        moved.move_arm(way(), HAND.open_hand) if other is hand else moved.move_hand(HALF_CLOSED)
+
+
+@pytest.mark.parametrize(
+    ("error_code", "moves", "code"),
+    [
+        (-1, False, ErrorCode.TRAJECTORY_REJECTED),
+        (-2, False, ErrorCode.TRAJECTORY_REJECTED),
+        (-1, True, ErrorCode.TRAJECTORY_ABORTED),
+        (-5, False, ErrorCode.TRAJECTORY_ABORTED),
+    ],
+)
+def test_a_goal_that_is_found_invalid_before_the_arm_moves_was_rejected(
+    error_code: int, moves: bool, code: ErrorCode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_STOP_NEWS", 0.05)
+
+    def drive(watch: Callable[[], None]) -> Any:
+        moved.watch.arm_state(HOME_ARM + 0.01 * moves, 2 * STANDS)
+        result = SimpleNamespace(error_code=error_code, error_string="invalid")
+        return SimpleNamespace(status=GoalStatus.STATUS_ABORTED, result=result)
+
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
+    with refused(code, f"ended the motion .{error_code}.: invalid"):
+        moved.move_arm(way(), HAND.open_hand)
+
+
+def test_an_abort_is_explained_by_the_stop_that_is_told_a_moment_later() -> None:
+    def drive(watch: Callable[[], None]) -> Any:
+        threading.Timer(0.1, moved.watch.safety_state, (3,)).start()
+        return ABORTED
+
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
+    with refused(ErrorCode.PROTECTIVE_STOP):
+        moved.move_arm(way(), HAND.open_hand)
+
+
+def hand_result(status: int, code: ErrorCode) -> Any:
+    return SimpleNamespace(status=status, result=SimpleNamespace(error_code=int(code), message="the hand's"))
+
+
+def test_why_the_hand_does_not_come_to_its_shape() -> None:
+    results = iter(
+        [
+            hand_result(GoalStatus.STATUS_UNKNOWN, ErrorCode.SUCCESS),
+            hand_result(GoalStatus.STATUS_ABORTED, ErrorCode.HAND_BLOCKED),
+            hand_result(GoalStatus.STATUS_CANCELED, ErrorCode.HAND_CANCELLED),
+        ]
+    )
+
+    def shape(watch: Callable[[], None]) -> Any:
+        if (result := next(results)).status == GoalStatus.STATUS_CANCELED:
+            moved.watch.latch(ErrorCode.STOPPED, "stopped, which has ended the hand's goal")
+        return result
+
+    moved = robot(Scripted(lambda watch: DONE), Scripted(shape))
+    for code, words in (
+        (ErrorCode.HAND_UNAVAILABLE, "it was restarted"),
+        (ErrorCode.HAND_BLOCKED, "the hand's"),
+        (ErrorCode.STOPPED, "stopped"),
+    ):
+        with refused(code, words):
+            moved.move_hand(HALF_CLOSED)
+
+
+def test_a_hand_that_falls_silent_while_it_opens_is_not_waited_for() -> None:
+    def shape(watch: Callable[[], None]) -> Any:
+        until(lambda: moved.watch.tick() or False, watch)
+
+    moved = made_robot(Scripted(lambda watch: DONE), Scripted(shape), silence=0.01)
+    moved.begin(lambda: "", lambda stage, index, share, clear: None)
+    with refused(ErrorCode.HAND_UNAVAILABLE, "has been silent"):
+        moved.open_hand()
+
+
+def test_a_robot_that_refuses_its_payload_is_not_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def answer(client: Any, request: Any, code: ErrorCode) -> Any:
+        asked.append(request.mass)
+        return SimpleNamespace(success=len(asked) == 1)
+
+    monkeypatch.setattr(module, "call_service", answer)
+    client = SimpleNamespace(service_is_ready=lambda: True)
+    loaded = made_robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE), client)
+    loaded.set_payload(holding=False)
+    with refused(ErrorCode.PAYLOAD_REFUSED, "a payload of 1.71 kg"):
+        loaded.set_payload(holding=True)
+    assert asked == pytest.approx([1.507, 1.707], abs=1e-3)

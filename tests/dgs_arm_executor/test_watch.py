@@ -68,8 +68,12 @@ def test_simulated_time_that_catches_up_in_a_burst_is_no_silence(watch: RobotWat
 
 
 def test_silence_in_real_time_is_seen_within_a_quarter_of_a_second(watch: RobotWatch, clocks: Clocks) -> None:
+    pass_time(watch, clocks, -60.0, 0.01)  # the clock was set back
     pass_time(watch, clocks, 0.24, 0.24)
     assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
+    watch.check_hand()
+    pass_time(watch, clocks, 1.8, 1.8)
+    assert code(watch.check_hand) == ErrorCode.HAND_UNAVAILABLE
 
 
 def test_a_pause_of_the_program_itself_is_no_silence(watch: RobotWatch, clocks: Clocks) -> None:
@@ -168,13 +172,14 @@ def test_a_reading_of_the_hand_has_the_torques_of_its_own_message(watch: RobotWa
     assert watch.situation().hand_torques is None
 
 
+@pytest.mark.parametrize("set_back", [0.0, 60.0])
 def test_a_hand_is_at_rest_when_new_measurements_show_no_motion(
-    watch: RobotWatch, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+    watch: RobotWatch, clocks: Clocks, monkeypatch: pytest.MonkeyPatch, set_back: float
 ) -> None:
     way = [0.5, 0.4, 0.3, 0.21, 0.205, 0.204]
 
     def sleep(_: float) -> None:
-        clocks.simulated += 0.04
+        clocks.simulated += 0.04 - set_back * (clocks.wall == 0.0)
         clocks.wall += 0.04
         if way and round(clocks.wall / 0.04) % 3 == 0:
             watch.hand_state(np.full(20, way.pop(0)), np.full(20, 0.2))
