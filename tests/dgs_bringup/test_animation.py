@@ -25,6 +25,7 @@ def test_frames_are_left_out_until_the_file_is_small_enough(tmp_path: Path):
     kept = write_gif(tmp_path / "run.gif", frames(40), max_bytes=60_000)
     assert 2 <= kept < 40
     assert (tmp_path / "run.gif").stat().st_size <= 60_000
+    assert write_gif(tmp_path / "run.gif", frames(3), max_bytes=10) == 1, "one at least"
 
 
 def test_very_long_runs_are_thinned_out(tmp_path: Path):

@@ -86,7 +86,7 @@ def test_a_push_is_no_grasp_and_where_it_was_pushed_often_it_may_still_be_graspe
 
 def test_where_pushes_end_early_nothing_is_pushed_after_three(task: ClearTable):
     for _ in range(3):
-        attempt(task, push(0.50, -0.2), ErrorCode.FORCE_LIMIT)
+        assert attempt(task, push(0.50, -0.2), ErrorCode.FORCE_LIMIT).next is Next.CAPTURE
     (place,) = task.places
     assert place.position[0] == 0.50, "it lies where it lay"
     assert task.after_prediction(OK, "", push(0.50, -0.2)).next is Next.CAPTURE
@@ -103,6 +103,12 @@ def test_failures_at_different_places_are_counted_apart(task: ClearTable):
         attempt(task, (0.3, y))
     assert sorted(place.failures for place in task.places) == [1, 1, 1]
     assert not task.given_up
+
+
+def test_a_failure_between_two_places_counts_at_the_nearer_one(task: ClearTable):
+    for x in (0.30, 0.37, 0.35):
+        attempt(task, (x, 0.0))
+    assert [(place.position[0], place.failures) for place in task.places] == [(0.30, 1), (0.35, 2)]
 
 
 def test_a_success_clears_the_memory_of_its_place(task: ClearTable):
@@ -151,9 +157,10 @@ def test_sentences_have_the_right_number():
     assert "1 look: 1 grasp, only at places" in end.message
 
 
-def test_attempts_are_limited():
+@pytest.mark.parametrize("first", [grasps((0.3, 0.0)), push(0.3, 0.1)], ids=["grasp", "push"])
+def test_attempts_are_limited(first: GraspSet):
     task = ClearTable(Settings(max_attempts=2), 0)
-    assert attempt(task, (0.3, 0.0), OK).next is Next.CAPTURE
+    assert attempt(task, first, OK).next is Next.CAPTURE and task.on_the_last_attempt
     step = attempt(task, (0.3, 0.2), OK)
     assert (step.next, step.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)
 
@@ -193,7 +200,15 @@ def test_arm_errors_end_the_run_and_the_attempt_is_recorded(task: ClearTable, ar
     assert [(record.code, record.success) for record in task.records] == [(arm_code, False)]
 
 
-@pytest.mark.parametrize("code", [ErrorCode.TRAJECTORY_ABORTED, ErrorCode.SAFETY_ENVELOPE])
+@pytest.mark.parametrize(
+    "code",
+    [
+        ErrorCode.TRAJECTORY_ABORTED,
+        ErrorCode.SAFETY_ENVELOPE,
+        ErrorCode.HAND_BUSY,
+        ErrorCode.HAND_CANCELLED,
+    ],
+)
 def test_repeated_hardware_faults_end_the_run_but_one_does_not(code):
     task = ClearTable(Settings(max_faults=2), 0)
     assert attempt(task, (0.3, 0.0), code).next is Next.CAPTURE
@@ -223,8 +238,11 @@ def test_what_the_arm_brings_to_the_bin_on_its_way_home_counts_for_the_last_atte
     attempt(task, (0.3, 0.0), ErrorCode.TRAJECTORY_ABORTED)
     assert task.after_homing(OK, "at home", released=True) is None
     assert task.successes == 1 and task.records[0].code == ErrorCode.TRAJECTORY_ABORTED
-    assert task.places == []
-    assert task.after_homing(OK, "at home", released=True) is None and task.successes == 1
+    assert task.places == [] and not len(task.failed.poses)
+
+
+def test_what_an_earlier_run_has_left_in_the_hand_counts_for_no_attempt(task: ClearTable):
+    assert task.after_homing(OK, "at home", released=True) is None and task.successes == 0
 
 
 def test_a_failed_way_home_ends_the_run(task: ClearTable):

@@ -32,7 +32,7 @@ def test_the_best_grasps_are_listed_and_an_error_is_told() -> None:
 
 
 def test_refusals_are_counted_by_code_and_have_reasons() -> None:
-    codes = (ErrorCode.OUT_OF_REACH, ErrorCode.COLLISION_APPROACH, ErrorCode.OUT_OF_REACH)
+    codes = (*[ErrorCode.COLLISION_APPROACH] * 3, *[ErrorCode.OUT_OF_REACH] * 4)
     result = ExecuteGrasp.Result(
         error_code=0,
         message="grasp 3 can be executed",
@@ -41,9 +41,9 @@ def test_refusals_are_counted_by_code_and_have_reasons() -> None:
         ],
     )
     assert describe_plan(result) == [
-        "  refused: 2 OUT_OF_REACH",
-        "  refused: 1 COLLISION_APPROACH",
-        *(f"    {k}: too far {k}" for k in range(3)),
+        "  refused: 4 OUT_OF_REACH",
+        "  refused: 3 COLLISION_APPROACH",
+        *(f"    {k}: too far {k}" for k in range(5)),
         "/execute_grasp: 0 grasp 3 can be executed",
     ]
 

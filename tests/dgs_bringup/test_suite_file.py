@@ -27,17 +27,24 @@ def test_the_values_are_accepted(node: NodeInfo):
         ("arm_executor: {ros__parameters: {speed: 0.2}}", "names the node 'arm_executor', which is none of"),
         ("- speed", "it must name nodes"),
         ("a: [", "cannot be read"),
+        ("\xff", "cannot be read"),
+        (None, "cannot be read"),
     ],
 )
-def test_a_file_of_ones_own_that_names_no_node_is_refused(text: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").write_text(text)
+def test_a_file_of_ones_own_that_names_no_node_is_refused(
+    text: str | None, words: str, tmp_path: Path
+) -> None:
+    if text is not None:
+        (tmp_path / "own.yaml").write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=words):
         suite_file.check(tmp_path / "own.yaml")
 
 
 def test_a_file_of_ones_own_may_name_some_nodes_or_all(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
-    own.write_text("/**: {ros__parameters: {}}\n/arm_executor_node: {ros__parameters: {speed: 0.2}}\n")
+    own.write_text(
+        "/**: {ros__parameters: {}}\n/arm_executor_node: {ros__parameters: {speed: 0.2}}\n/a/clear_table: {}\n"
+    )
     suite_file.check(own)
     suite_file.check(suite_file.SUITE_FILE)
 

@@ -41,8 +41,10 @@ def test_rates_and_seconds():
 
 
 def test_an_attempt_cut_off_by_the_time_limit_is_not_counted():
-    data = summarise([*RECORDS, record(False, ErrorCode.EXECUTION_CANCELLED, {})], PLACES, 30.0)
+    cut_off = record(False, ErrorCode.EXECUTION_CANCELLED, {"predict": 1.0})
+    data = summarise([*RECORDS, cut_off], PLACES, 30.0)
     assert (data["attempts"], data["sr"], len(data["records"])) == (3, 0.3333, 4)
+    assert data["seconds"]["predict"] == 4.0, "its time is"
 
 
 def test_no_attempts_are_no_division_by_zero():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from PIL import Image
 
 from dgs_bringup.timeline import Bar, bars, main, overlap_seconds
@@ -37,10 +38,13 @@ def test_what_was_decided_after_the_arm_began_to_plan_ends_no_planning() -> None
     told = [(1.0, "predict"), (1.5, "planning"), (1.6, "predicted"), (2.0, "transfer")]
     timeline = [{"time": time, "attempt": 1, "stage": stage} for time, stage in told]
     assert bars(timeline) == [Bar(1, "predict", 1.0, 1.5), Bar(1, "planning", 1.5, 2.0)]
+    timeline[1]["stage"], timeline[2]["stage"] = "predicted", "planning"
+    assert bars(timeline) == [Bar(1, "predict", 1.0, 1.5), Bar(1, "planning", 1.6, 2.0)]
 
 
 def test_waiting_is_no_overlap_but_looking_is() -> None:
-    assert overlap_seconds(bars(RUN)) == pytest.approx(1.5)
+    much_later = {"time": 9.0, "attempt": 2, "stage": "approach"}
+    assert overlap_seconds(bars([*RUN, much_later])) == pytest.approx(1.5)
     assert overlap_seconds([bar for bar in bars(RUN) if bar.attempt == 1]) == 0.0
 
 
@@ -48,5 +52,7 @@ def test_the_picture_shows_bars(tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text(json.dumps({"timeline": RUN}))
     main(tmp_path / "summary.json", tmp_path / "picture.png", first=1, count=2)
     picture = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))
+    with pytest.raises(typer.BadParameter, match="no attempts 7 to 8"):
+        main(tmp_path / "summary.json", tmp_path / "picture.png", first=7, count=2)
     for colour in ((0x48, 0x78, 0xA8), (0xE0, 0xA0, 0x40)):
         assert (np.abs(picture.astype(int) - colour).max(axis=-1) < 4).sum() > 500

@@ -243,7 +243,7 @@ class ClearTable:
         if code in _INFEASIBLE_CODES and not moved:
             following = f"the next candidates: {message}"
             return self._offer(following) if self._queue else self._idle_round(message)
-        if code == ErrorCode.SCENE_CHANGED and not moved:
+        if code == ErrorCode.SCENE_CHANGED:
             return Step(Next.CAPTURE, message)
         if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
             return _arm_failed(code, message)
@@ -266,7 +266,7 @@ class ClearTable:
         Returns:
             END if the arm is not at home, else None.
         """
-        if released and self.records and not self.records[-1].success:
+        if released and self.records:
             last = self.records[-1]
             sentence = f"{last.message}; brought to the bin afterwards"
             self.records[-1] = replace(last, success=True, message=sentence)

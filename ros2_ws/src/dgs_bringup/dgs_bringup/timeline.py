@@ -54,12 +54,7 @@ def bars(timeline: Sequence[Mapping[str, Any]]) -> list[Bar]:
 
 def overlap_seconds(stages: Sequence[Bar]) -> float:
     """How long looking and planning for one attempt ran beside motion for another [s]."""
-    pairs = (
-        (a, b)
-        for a in stages
-        for b in stages
-        if not a.moves and a.stage != "waiting" and b.moves and b.attempt != a.attempt
-    )
+    pairs = ((a, b) for a in stages for b in stages if not a.moves and a.stage != "waiting" and b.moves)
     return sum(max(0.0, min(a.end, b.end) - max(a.start, b.start)) for a, b in pairs)
 
 
