@@ -153,9 +153,9 @@ class CarriedBox:
 
     @property
     def below_tcp(self) -> float:
-        """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
+        """How far the object reaches beyond the TCP along the approach direction [m]."""
         along = self.T_tcp_box[2]
-        return max(0.0, float(along[3] + np.abs(along[:3]) @ self.size / 2))
+        return float(along[3] + np.abs(along[:3]) @ self.size / 2)
 
 
 def _in_the_bin(points: Array) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ def _with_fragments(points: Array, labels: NDArray[np.int64]) -> NDArray[np.int6
     sizes, labels = np.bincount(labels), labels.copy()
     for number in np.argsort(sizes, kind="stable").tolist():
         mine = labels == number
-        others = ~mine & (sizes[labels] >= sizes[number])
+        others = ~mine
         if sizes[number] > _FRAGMENT or not others.any():
             break
         gaps, nearest = cKDTree(points[others]).query(points[mine], distance_upper_bound=_FRAGMENT_GAP)

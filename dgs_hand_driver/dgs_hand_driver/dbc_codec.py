@@ -130,15 +130,12 @@ class DbcCodec:
 
         Args:
             mode: what the hand shall do with the targets.
-            target: (J,) joints [rad], clipped to the limits; joint4 is not sent, it follows joint3.
+            target: (J,) joints [rad]; joint4 is not sent, it follows joint3.
             speed: limit of every joint [rad/s].
             active: (F,) fingers that comply in admittance mode.
             sequence: 0..255, the same for all six frames.
         """
-        joints = np.clip(
-            np.asarray(target, dtype=np.float64).reshape(HAND.joint_count), HAND.lower, HAND.upper
-        )
-        frames = self._encode_fingers("command", HAND.split(joints)[:, :3], sequence)
+        frames = self._encode_fingers("command", HAND.split(np.asarray(target))[:, :3], sequence)
         fingers = _pack_fingers(active)
         limited = _within(self._mode, "Speed", float(speed))
         signals = {"Mode": mode, "Fingers": fingers, "Speed": limited, "Sequence": sequence}

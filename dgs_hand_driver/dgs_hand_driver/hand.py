@@ -78,8 +78,6 @@ class DexHand:
     def close(self) -> None:
         """Stop reading and close the bus; the hand keeps its last command."""
         self._ended.set()
-        with self._news:
-            self._news.notify_all()
         self._reader.join()
 
     @property
@@ -250,7 +248,7 @@ class DexHand:
 
     def _lose(self, reason: str) -> None:
         with self._news:
-            self.lost = self.lost or reason
+            self.lost = reason
             self._news.notify_all()
 
     def _run(self, settings: BusSettings) -> None:
@@ -271,7 +269,6 @@ class DexHand:
                     Exception
                 ) as error:  # anybody may write a protocol; a fault in it must not make the driver deaf
                     logger.exception("the hand's protocol has failed")
-                    self.lost = None
                     self._lose(f"the hand's protocol has failed: {error}")
                 with suppress(Exception):  # an adapter that was unplugged cannot be told to close
                     bus.shutdown()

@@ -336,9 +336,11 @@ def block(x: float, y: float) -> np.ndarray:
     return np.array([(x + a, y + b, -0.16) for a in grid for b in grid])
 
 
-def take_up(before: np.ndarray, now: np.ndarray) -> Report:
+def take_up(before: np.ndarray, now: np.ndarray, motion: float = 0.0) -> Report:
     grasp = top_grasps(np.array([0.32, 0.02, -0.15]), final=FINAL)[0]
-    pick = prepared(grasp, before=ObstacleCloud.from_points(before))
+    pick = prepared(
+        replace(grasp, motion=np.array([0.0, motion, 0.0])), before=ObstacleCloud.from_points(before)
+    )
     return execution(Seer(now), FakePlanner()).pick_prepared(pick, Wish(plan_only=True))
 
 
@@ -348,6 +350,9 @@ def test_a_prepared_pick_goes_ahead_where_nothing_has_changed() -> None:
     assert report.code == ErrorCode.SUCCESS and report.stage_times["planning"] == 0.1
     gone_far_away = take_up(np.concatenate([here, far]), here)
     assert gone_far_away.code == ErrorCode.SUCCESS
+    beside_the_table = take_up(here, np.concatenate([here, block(0.6, 0.0)]))
+    assert beside_the_table.code == ErrorCode.SUCCESS, "where the robot comes and goes"
+    assert take_up(np.concatenate([here, far]), here, motion=0.3).code == ErrorCode.SCENE_CHANGED
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
-from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, densify
+from dgs_arm_executor.planning_scene import (
+    BESIDE,
+    CARRIED,
+    CLOUD,
+    PlanningScene,
+    SceneSettings,
+    carried_shape,
+    densify,
+)
 from dgs_arm_executor.robot_geometry import WHOLE_HAND, checked_pairs, load_robot_geometry
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.cell import CELL, HOME_ARM
@@ -199,6 +207,15 @@ def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) ->
     long = carried_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.15))
     assert (CARRIED, "bin") in empty.checker(OPEN, carried=long).contacts(q)
     assert CarriedBox.from_points(np.zeros((0, 3)), T_base_tcp) is None
+    other = ObstacleCloud.from_points(block(0.3, -0.2))
+    high, all_of_it = above(ik, 0.3, -0.2, CELL.table_height + 0.25), np.ones(len(other.points), dtype=bool)
+    low_end = carried_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.2))
+    scene = PlanningScene(other)
+    assert scene.checker(OPEN, carried=low_end).contacts(high) == [(CARRIED, BESIDE)]
+    assert not scene.checker(OPEN, carried=low_end, own=all_of_it).in_collision(high)
+    wire = carried_box((0.0, 0.0, 0.0), (0.0, 0.0, 0.15))
+    model, _ = load_robot_geometry().with_hand(OPEN)
+    np.testing.assert_allclose(2 * carried_shape(model, wire).geometry.halfSide, (0.01, 0.01, 0.15))
 
 
 def test_the_box_of_what_is_carried_fits_a_flat_thing_however_the_hand_leans() -> None:

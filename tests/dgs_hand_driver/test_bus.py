@@ -1,5 +1,7 @@
 import time
+from unittest.mock import Mock
 
+import can
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -27,6 +29,13 @@ def test_every_domain_has_a_bus_of_its_own(monkeypatch: pytest.MonkeyPatch) -> N
 def test_adapter_that_is_not_there() -> None:
     with refused(ErrorCode.HAND_BUS, "socketcan no_such_can"):
         open_bus(BusSettings(interface="socketcan", channel="no_such_can"))
+
+
+@pytest.mark.parametrize("error", [can.CanError("off"), ValueError("bit rate"), ImportError("no driver")])
+def test_an_adapter_that_cannot_be_used_is_refused(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_hand_driver.bus.can.Bus", Mock(side_effect=error))
+    with refused(ErrorCode.HAND_BUS, f"CAN bus kvaser can0 .{error}"):
+        open_bus(BusSettings(interface="kvaser"))
 
 
 def test_unknown_interface_is_refused() -> None:

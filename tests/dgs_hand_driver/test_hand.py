@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from unittest.mock import Mock
 
 import can
@@ -110,6 +111,17 @@ def test_grasp_squeezes_what_it_meets(simulated, hand) -> None:
     assert 0.3 < thumb <= HAND.effort[1] and 0.3 < middle <= HAND.effort[9]
 
 
+def test_a_finger_that_stops_before_its_limit_holds_something_whatever_torque_that_takes(simulated) -> None:
+    shape, beyond = np.tile([0.0, 0.4, 0.4, 0.4], 5), HAND.grasp.beyond[1]
+    simulated.walls = {"index_joint2": 0.4, "ring_joint2": 0.4 + beyond - 0.03}
+    for torque, fingers in ((5.0, ("index",)), (0.01, ("index", "ring"))):
+        settings = replace(SETTINGS, contact_torque=(torque,) * 3)
+        with closing(DexHand(BusSettings(port=simulated.port), settings)) as hand:
+            wait_until(lambda hand=hand: hand.lost is None)
+            assert hand.move(goal(shape, mode=1)).fingers_in_contact == fingers
+            hand.move(goal(shape * 0))
+
+
 def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:
     hand.move(goal(SHAPE))
     shape, stated = SHAPE.copy(), [True, False, True, False, False]
@@ -213,6 +225,16 @@ def test_command_is_repeated_when_frames_are_lost(simulated, hand, monkeypatch) 
     monkeypatch.setattr(hand._bus, "send", lambda frame: None if next(lost, False) else send(frame))
     assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
     assert simulated.bus_end.command().sequence == 1
+
+
+def test_an_old_acknowledgement_does_not_pass_for_that_of_a_driver_that_was_started_again(simulated) -> None:
+    for share in (0.5, 1.0):
+        with closing(DexHand(BusSettings(port=simulated.port), SETTINGS)) as hand:
+            wait_until(lambda hand=hand: hand.lost is None)
+            lost, send = iter([True] * 6), hand._bus.send
+            hand._bus.send = lambda frame, lost=lost, send=send: None if next(lost, False) else send(frame)
+            assert hand.move(goal(share * SHAPE)).code == ErrorCode.SUCCESS
+            assert np.abs(simulated.positions - share * SHAPE).max() < 0.02
 
 
 def test_hand_that_takes_no_command(simulated, hand, monkeypatch) -> None:

@@ -33,6 +33,8 @@ def test_fifteen_joints_fill_in_the_coupled_ones() -> None:
     goal = parse_goal(HAND.driven_joints[::-1], ([0.3, 0.5, 0.1] * 5), 0.0, 1)
     assert np.allclose(goal.target, POSITIONS)
     assert (goal.speed, goal.mode) == (DEFAULT_SPEED, "grasp")
+    for fastest, speed in ((2.0, 0.7), (0.5, 0.5)):
+        assert parse_goal(NAMES, POSITIONS, 0.0, 0, (), 0.7, fastest).speed == speed
 
 
 def test_rounding_is_forgiven_and_clipped() -> None:

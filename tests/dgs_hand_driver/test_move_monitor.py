@@ -182,7 +182,9 @@ def test_idle_finger_does_not_count_as_contact() -> None:
 
 
 def test_grasp_with_nothing_to_flex_says_so() -> None:
-    outcome, _ = end(GraspMove(state(0, SHUT), SHUT, SPEED, np.zeros(5, dtype=bool)), moving(SHUT, SHUT))
+    move = GraspMove(state(0, SHUT), SHUT, SPEED, np.zeros(5, dtype=bool))
+    outcome, _ = end(move, moving(SHUT, SHUT))
+    assert move.progress == 1.0
     assert outcome.code == ErrorCode.SUCCESS and "none closes" in outcome.message
 
 
