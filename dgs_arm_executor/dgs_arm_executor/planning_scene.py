@@ -229,11 +229,11 @@ def densify(path: Array, step: float) -> Array:
 def _coarse_to_fine(count: int) -> list[int]:
     """Indices 0..count-1: the last, the first, then halving gaps."""
     order = dict.fromkeys([count - 1, 0])
-    stride = 1 << max(count - 1, 1).bit_length()
+    stride = 1 << (count - 1).bit_length()
     while stride >= 1:
         order |= dict.fromkeys(range(0, count, stride))
         stride //= 2
-    return [k for k in order if 0 <= k < count]
+    return list(order)
 
 
 def carried_shape(model: pin.Model, carried: CarriedBox) -> pin.GeometryObject:

@@ -24,6 +24,7 @@ from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World
 from tests.support.grasps import top_grasps
+from tests.support.refused import refused
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -37,8 +38,11 @@ def felt(guard: ForceGuard, *forces: float, start: float = 0.0) -> ForceGuard:
 def test_a_force_that_lasts_ends_the_way_and_a_blow_does_not() -> None:
     felt(ForceGuard(), 0.0, 90.0, 90.0, 20.0, 90.0, 90.0, 20.0).check()
     with pytest.raises(DgsError, match="with 62 N, 50 N are allowed") as error:
-        felt(ForceGuard(), 60.0, 60.0, 60.0, 62.0, 0.0).check()
+        felt(ForceGuard(), 60.0, 60.0, 60.0, 62.0, 61.0, 0.0).check()
     assert error.value.code == ErrorCode.FORCE_LIMIT
+    restarted = felt(felt(ForceGuard(), 90.0, start=100.0), 90.0, 90.0, 90.0, 90.0)
+    with refused(ErrorCode.FORCE_LIMIT):
+        restarted.check()
 
 
 def test_forces_count_from_what_the_hand_weighs() -> None:

@@ -108,6 +108,10 @@ def test_whether_a_hand_that_was_ended_while_it_opened_has_let_go(
     assert has_let_go(hand(CLOSED, PRESSING), hand(joints, torques), jammed) is free
 
 
+def test_fingers_that_did_not_hold_are_not_waited_for() -> None:
+    assert has_let_go(hand(left_flexed(0, 2), PRESSING), hand(OPENED, PRESSING), jammed=True)
+
+
 @pytest.mark.parametrize("before", [LIMP, None], ids=["a driver that fills in zeros", "none"])
 def test_torques_that_never_told_anything_tell_nothing(before: np.ndarray | None) -> None:
     assert not has_let_go(hand(CLOSED, before), hand(CLOSED, LIMP), jammed=False)

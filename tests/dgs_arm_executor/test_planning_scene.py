@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,7 +19,7 @@ from dgs_arm_executor.planning_scene import (
     carried_shape,
     densify,
 )
-from dgs_arm_executor.robot_geometry import WHOLE_HAND, checked_pairs, load_robot_geometry
+from dgs_arm_executor.robot_geometry import CHAIN, ENVIRONMENT, WHOLE_HAND, checked_pairs, load_robot_geometry
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.frames import transform
@@ -213,6 +214,8 @@ def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) ->
     scene = PlanningScene(other)
     assert scene.checker(OPEN, carried=low_end).contacts(high) == [(CARRIED, BESIDE)]
     assert not scene.checker(OPEN, carried=low_end, own=all_of_it).in_collision(high)
+    huge = empty.checker(OPEN, carried=carried_box(3 * [-0.6], 3 * [0.6])).contacts(HOME_ARM)
+    assert {part for part in CHAIN if (CARRIED, part) in huge} == {*CHAIN[:4]}
     wire = carried_box((0.0, 0.0, 0.0), (0.0, 0.0, 0.15))
     model, _ = load_robot_geometry().with_hand(OPEN)
     np.testing.assert_allclose(2 * carried_shape(model, wire).geometry.halfSide, (0.01, 0.01, 0.15))
@@ -260,3 +263,27 @@ def test_self_filter_takes_out_the_robot_only(ik: ArmIK) -> None:
     palm = tcp + np.array([-0.05, 0.0, 0.1]) + np.random.default_rng(0).uniform(-0.01, 0.01, (50, 3))
     kept = without_robot(np.concatenate([beside, palm]), q, OPEN)
     np.testing.assert_array_equal(kept, beside)
+    held = tcp + np.random.default_rng(0).uniform((-0.02, -0.02, -0.3), (0.02, 0.02, -0.25), (50, 3))
+    assert len(without_robot(held, q, OPEN)) == 50
+    assert not len(without_robot(held, q, OPEN, carried_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.29))))
+
+
+def test_self_filter_keeps_what_is_farther_than_two_centimetres_from_every_shape(ik: ArmIK) -> None:
+    q = above(ik, 0.3, 0.1, 0.0)
+    geometry = load_robot_geometry()
+    arm, shapes = geometry.with_hand(OPEN)
+    data = shapes.createData()
+    pin.updateGeometryPlacements(arm, arm.createData(), shapes, data, q)
+    points = np.random.default_rng(0).uniform((-0.2, -0.2, -0.1), (0.5, 0.25, 0.6), (1200, 3))
+    dot, away = coal.Sphere(1e-6), np.full(len(points), np.inf)
+    for part, shape, place in zip(geometry.parts, shapes.geometryObjects, data.oMg, strict=True):
+        for k, point in enumerate(points if part not in ENVIRONMENT else ()):
+            at = coal.Transform3s(np.eye(3), point), coal.Transform3s(place.rotation, place.translation)
+            found = coal.distance(
+                dot, at[0], shape.geometry, at[1], coal.DistanceRequest(), coal.DistanceResult()
+            )
+            away[k] = min(away[k], found)
+    sure = np.abs(away - 0.02) > 1e-5
+    assert np.count_nonzero((away > 0.0) & (away < 0.02)) > 20
+    kept = {tuple(point) for point in without_robot(points, q, OPEN)}
+    assert [tuple(point) in kept for point in points[sure]] == (away[sure] > 0.02).tolist()

@@ -83,7 +83,11 @@ def test_bytes_on_the_wire() -> None:
     assert host.greet() == host.follow_up() == host.clear_fault() == []
     for frame in frames:
         assert hand.receive(frame) == []
-    assert hand.command.mode == "admittance" and hand.command.sequence == 1
+    taken = hand.command
+    assert taken.mode == "admittance" and taken.sequence == 1
+    for frame in frames:
+        hand.receive(frame)
+    assert hand.command is taken, "sent again, it is taken only once"
     frames = hand.state(target, np.linspace(-1, 1, 20), np.ones((5, 2)), 12.345)
     assert words(frames) == STATE.split()
     assert all(map(host.receive, frames))
@@ -117,9 +121,15 @@ def test_every_finger_has_a_sign() -> None:
 
 def test_a_fault_lasts_while_it_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     host, hand = DbcProtocol(HandSettings()), DbcFirmware()
+    assert all(len(hand.beat(0.1 * k)) == 1 for k in range(300))
     for frame in hand.inject("over_current", FIVE):
         host.receive(frame)
     assert host.fault is not None and host.fault.code == ErrorCode.HAND_INTERNAL
     assert host.fault.message == "the hand reports over_current of thumb, middle, ring"
     monkeypatch.setattr("dgs_hand_driver.dbc_protocol.FAULT_MEMORY", 0.0)
     assert host.fault is None
+    monkeypatch.setattr("dgs_hand_driver.dbc_protocol.FAULT_MEMORY", 60.0)
+    heartbeat, repeated = hand.beat(30.0)
+    again = DbcProtocol(HandSettings())
+    assert again.receive(heartbeat) and again.fault is None
+    assert again.receive(repeated) and again.fault is not None

@@ -83,7 +83,8 @@ def test_arrives_when_every_joint_is_there() -> None:
 
 
 def test_target_that_is_reached_already_ends_at_once() -> None:
-    assert end(PositionMove(state(0, SHUT), SHUT, SPEED), moving(SHUT, SHUT))[1] == 0.0
+    move = PositionMove(state(0, SHUT), SHUT, SPEED)
+    assert end(move, moving(SHUT, SHUT))[1] == 0.0 and move.progress == 1.0
 
 
 def test_little_rest_is_accepted_once_still() -> None:
@@ -100,6 +101,17 @@ def test_push_against_something_is_blocked_quickly() -> None:
     assert outcome.fingers_in_contact == ("index",)
     assert "index_joint2 (0.600 rad to go, 1.00 Nm)" in outcome.message
     assert clock == pytest.approx(0.4 + BLOCKED_TIME, abs=0.03)
+
+
+def test_every_kind_of_joint_has_bounds_of_its_own() -> None:
+    def push(current: HandState) -> None:
+        current.torques[INDEX_PITCH] = 1.0
+
+    for bounds, blocked, touching in (((9, 0.5, 9), True, ("index",)), ((0.5, 9, 0.5), False, ())):
+        move = PositionMove(state(0, OPEN), SHUT, SPEED, bounds)
+        assert (end(move, moving(OPEN, SHUT), push)[0].code == ErrorCode.HAND_BLOCKED) == blocked
+        closing = GraspMove(state(0, OPEN), SHUT, SPEED, ALL, bounds)
+        assert end(closing, moving(OPEN, SHUT), push)[0].fingers_in_contact == touching
 
 
 def test_joint_that_stands_without_pushing_is_blocked_too() -> None:
@@ -155,6 +167,15 @@ def test_grasp_ends_by_contact_and_names_the_fingers() -> None:
     assert outcome.fingers_in_contact == ("index",)
     # Not before the set point has walked to its end: until then the force still grows.
     assert 1.0 < clock < 1.0 + 3 * STILL_TIME
+
+
+def test_a_grasp_that_holds_something_makes_progress_all_the_same() -> None:
+    def stop_all(current: HandState) -> None:
+        current.positions[:] = np.minimum(current.positions, 0.2)
+
+    move = GraspMove(state(0, OPEN), SHUT, SPEED, ALL)
+    end(move, moving(OPEN, SHUT), stop_all)
+    assert move.progress == 1.0
 
 
 def test_finger_that_stopped_short_is_in_contact_even_without_torque() -> None:

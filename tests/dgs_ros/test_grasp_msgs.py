@@ -47,6 +47,12 @@ def test_there_and_back() -> None:
     assert [msg.offset.x for msg in msgs] == pytest.approx(grasps.offset[:, 0].tolist())
 
 
+def test_a_client_need_not_name_the_hand() -> None:
+    (msg,) = grasps_to_msgs(random_grasps(1))
+    msg.hand = ""
+    assert len(grasps_from_msgs([msg])) == 1
+
+
 def test_no_grasps() -> None:
     assert grasps_to_msgs(random_grasps(0)) == []
     empty = grasps_from_msgs([])

@@ -62,7 +62,8 @@ def test_grey_and_round_trip() -> None:
     "values",
     [
         {"encoding": "8UC1"},
-        {"step": 7},
+        {"step": 9},
+        {"step": 7, "data": array("B", bytes(14))},
         {"height": 3},
         {"height": 0},
         {"width": 0},
@@ -109,7 +110,7 @@ def test_the_right_imager_says_its_baseline() -> None:
     msg = pinhole_to_camera_info(D455, "c", baseline=0.095)
     assert camera_info_to_baseline(msg) == pytest.approx(0.095)
     assert camera_info_to_pinhole(msg) == D455, "intrinsics there and back"
-    for none in (pinhole_to_camera_info(D455, "c"), CameraInfo()):
+    for none in (*(pinhole_to_camera_info(D455, "c", baseline=b) for b in (0.0, 95.0)), CameraInfo()):
         with refused(ErrorCode.CAMERA_INFO_INVALID, "no baseline"):
             camera_info_to_baseline(none)
 

@@ -72,7 +72,7 @@ def numpy_to_image(pixels: NDArray, frame_id: str, stamp: Time | None = None) ->
     data = array("B")
     data.frombytes(packed.reshape(-1).view(np.uint8).data)
     (height, width), header = packed.shape[:2], _header(frame_id, stamp)
-    step = packed.nbytes // max(height, 1)
+    step = packed.nbytes // height
     return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=data)
 
 
