@@ -25,7 +25,7 @@ class Turns:
         with self._changed:
             if self._driving or self._following:
                 return False
-            self._driving, self._left = True, None
+            self._driving = True
             return True
 
     def offer(self, left: ArmSituation) -> None:

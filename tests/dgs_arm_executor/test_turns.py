@@ -42,8 +42,10 @@ def test_one_goal_follows_a_goal_that_offers_where_it_will_end_and_drives_when_i
     assert not turns.take(), "the follower comes first"
     assert turns.succeed(0.0)
     assert not turns.take() and turns.follow() is None
+    turns.offer(BIN)
     turns.end(kept=True)
-    assert turns.take()
+    assert turns.follow() is None, "there is nobody to follow"
+    assert turns.take() and turns.follow() is None
 
 
 def test_a_follower_waits_for_the_end(turns: Turns) -> None:
