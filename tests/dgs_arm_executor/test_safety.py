@@ -88,6 +88,19 @@ def test_hand_through_the_table_and_out_of_its_box(ik: ArmIK) -> None:
     )
     unsafe(time_path(SmoothPath.line(above, below)), "mm below the table top", above)
     check(time_path(SmoothPath.line(above, HOME_ARM)), above)
+    touching = ik.states(transform(down, (0.3, 0.1, CELL.table_height + 0.053)), above)[0]
+    still = time_path(SmoothPath.line(touching, touching))
+    check(still, touching)
+    with refused(ErrorCode.SAFETY_ENVELOPE, "11 mm below the table top"):
+        check(still, touching, Envelope(table_penetration=0.0))
     for smaller in (Envelope(tcp_lower=(0.0, 0.0, -1.0)), Envelope(tcp_upper=(0.2, 1.0, 1.0))):
         with pytest.raises(DgsError, match="outside of its box"):
             check(time_path(SmoothPath.line(above, HOME_ARM)), above, smaller)
+
+
+def test_the_back_of_a_level_hand_counts_as_its_fingers_do(ik: ArmIK) -> None:
+    on_its_back = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+    q = ik.states(transform(on_its_back, (0.35, 0.1, CELL.table_height + 0.06)), HOME_ARM)[0]
+    still = time_path(SmoothPath.line(q, q))
+    with refused(ErrorCode.SAFETY_ENVELOPE, "24 mm below the table top"):
+        check(still, q)

@@ -36,6 +36,12 @@ def test_tilt_and_height_are_measured(tilt: float, direction: float, height: flo
     assert 0.3 < fit.seen <= 1.05 and 0.001 < fit.rms < 0.003
 
 
+def test_what_lies_beside_the_workspace_does_not_count() -> None:
+    table, low = cloud(), CELL.workspace_bounds[0]
+    shelf = np.random.default_rng(2).uniform(low - (0.15, 0.0, 0.0), low + (-0.01, 0.8, 0.01), (40_000, 3))
+    assert fit_table(np.concatenate([table, shelf])) == fit_table(table)
+
+
 @pytest.mark.parametrize(
     ("tilt", "height", "right"),
     [(0.0, 0.0, True), (0.01, 0.006, True), (0.03, 0.0, False), (0.0, -0.014, False)],
