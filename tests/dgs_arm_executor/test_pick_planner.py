@@ -204,6 +204,19 @@ def test_time_limit_ends_the_search(planner: PickPlanner) -> None:
     assert answer.plan is None and {r.code for r in answer.rejections} == {ErrorCode.NO_PATH}
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"rotation": np.diag([1.0, 1.0, -1.0])}, "is not a rotation"),
+        ({"drags": np.True_, "motion": np.array([0.1, 0.0, 0.0])}, "drags, but"),
+        ({}, "name no finger"),
+    ],
+)
+def test_what_is_no_grasp_is_refused(wrong: dict[str, np.ndarray], said: str) -> None:
+    with refused(ErrorCode.GRASP_INVALID, said):
+        check_grasp(replace(top_grasp(*PLACE), active_fingers=np.zeros(5, dtype=bool), **wrong))
+
+
 def test_hand_joints_just_beyond_their_limits_are_clipped() -> None:
     slightly = replace(top_grasp(*PLACE), pre_grasp_joints=np.tile([-0.27, -0.01, -0.01, -0.01], 5))
     clipped = check_grasp(slightly)
