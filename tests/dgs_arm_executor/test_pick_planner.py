@@ -9,12 +9,13 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import CLOUD, PlanningScene, SceneSettings
+from dgs_arm_executor.planning_scene import BESIDE, CARRIED, CLOUD, PlanningScene, SceneSettings
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasp, top_grasps
@@ -233,6 +234,18 @@ def test_the_hand_takes_its_shape_on_the_way_only_where_no_shape_in_between_is_i
     (q, *_) = (q for q in planner.ik.states(grasp.pose, HOME_ARM) if not bent.transfer.in_collision(q))
     assert straight.shaping[0].in_collision(q), "straight fingers reach into the table"
     assert not any(checker.in_collision(q) for checker in bent.shaping)
+    assert bent.home.in_collision(q), "with an open hand"
+    push = replace(grasp, active_fingers=np.zeros(5, dtype=bool), motion=np.array([0.1, 0.0, 0.0]))
+    assert not PickCheckers(PlanningScene(), push).home.in_collision(q), "in the shape that has pushed"
+
+
+def test_the_rest_of_a_large_thing_is_not_in_the_way_of_its_gripped_end(planner: PickPlanner) -> None:
+    tray = np.random.default_rng(0).uniform((0.2, -0.1, 0.02), (0.4, 0.18, 0.03), (60_000, 3))
+    cloud = ObstacleCloud.from_points(tray + (0.0, 0.0, CELL.table_height))
+    grasp = top_grasp(0.3, 0.1, -0.15)
+    assert not cloud.target_mask(grasp).all()
+    q = planner.ik.states(transform(position=(0.0, 0.0, 0.01)) @ grasp.pose, HOME_ARM)[0]
+    assert (CARRIED, BESIDE) not in PickCheckers(PlanningScene(cloud), grasp).carry.contacts(q)
 
 
 def test_a_hand_opens_no_wider_than_arm_and_cell_allow(planner: PickPlanner) -> None:
