@@ -187,6 +187,7 @@ def test_a_push_eases_off_what_it_has_come_down_on_and_goes_on() -> None:
     robot = Dragger("approach", ErrorCode.FORCE_LIMIT)
     assert push(robot).code == ErrorCode.SUCCESS
     assert [stage for stage, _ in robot.hand][-4:] == ["back_off", "advance", "lift", "home"], "no retreat"
+    assert robot.done.count("back_off") == 1, "no higher than needed"
 
 
 def test_a_grasp_that_slides_in_from_outside_does_not_go_on_over_what_it_has_met() -> None:

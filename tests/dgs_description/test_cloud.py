@@ -20,6 +20,8 @@ def test_cubes_are_the_same_whether_counted_or_sorted() -> None:
     with_one_far = np.vstack([near, np.full((1, 3), 50.0)])  # so many cubes in between are not counted
     assert np.array_equal(voxel_means(with_one_far, 0.02)[:-1], voxel_means(near, 0.02))
     assert np.array_equal(squares(with_one_far[:, :2], 0.02)[:-1], squares(near[:, :2], 0.02))
+    wild = np.vstack([near[:, :2], np.full((1, 2), 1e300)])
+    assert np.array_equal(squares(wild, 0.02)[:-1], squares(near[:, :2], 0.02))
 
 
 def test_chains_of_near_points_are_one_thing() -> None:

@@ -36,6 +36,17 @@ def test_the_profile_promises_two_seconds() -> None:
     assert seconds("leaseAnnouncement") < GRACE
 
 
+def test_who_is_known_only_later_may_go_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_ros.presence.GRACE", 0.2)
+    there: set[bytes] = set()
+    watch = Watch(lambda: there)
+    assert not wait_until(watch.lost, 0.5), "of nobody"
+    there = {b"a"}
+    assert not wait_until(watch.lost, 0.5)
+    there = set()
+    assert wait_until(watch.lost, GUARD)
+
+
 def test_who_comes_back_with_the_same_identity_has_not_gone() -> None:
     there, known = {b"a", b"b"}, {b"a", b"b"}
     watch = Watch(lambda: set(there))
