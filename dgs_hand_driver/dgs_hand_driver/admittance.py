@@ -176,7 +176,7 @@ class AdmittanceController:
         )
         there = self._feeling & (ways[0] < 1e-9)
         self._touching |= there & _felt(torque)
-        way = HAND.beyond * min(dt / FEELING_TIME, 1.0)
+        way = HAND.beyond * (dt / FEELING_TIME)
         target = HAND.split(self._target)
         way = np.minimum(target + way, HAND.split(self._limit)) - target
         ended = np.abs(way).max(axis=1) < 1e-9

@@ -150,6 +150,10 @@ def test_a_database_with_other_bits_works_without_touching_code(tmp_path: Path) 
     assert int.from_bytes(frame.data[2:4], "little", signed=True) == -200
     assert frame.data[7] == 0
     assert maker.decode(frame).values == pytest.approx((0.2, 0.2, 0.2))
+    mode = maker.encode_command("position", np.full(20, 0.2), 1.0, [True] * 5, 9)[-1]
+    assert maker.decode(mode) is not None
+    mode.data[0] = 7
+    assert maker.decode(mode) is None, "no mode that anybody knows"
 
 
 def test_a_hand_that_is_slower_than_the_command_gets_the_end_of_its_range(tmp_path: Path) -> None:

@@ -99,6 +99,13 @@ def test_frames_of_another_driver_are_not_the_hands() -> None:
     assert not any(map(host.receive, host.command(HandCommand())))
 
 
+def test_a_hand_that_is_told_a_wild_target_goes_to_its_limits() -> None:
+    host, hand = DbcProtocol(HandSettings()), DbcFirmware()
+    for frame in host.command(HandCommand("position", np.full(20, 100.0))):
+        hand.receive(frame)
+    assert np.array_equal(hand.command.target, HAND.upper)
+
+
 def test_yaw_is_turned_where_the_settings_say() -> None:
     turned = HandSettings(
         yaw_command_signs=(-1.0, 1.0, 1.0, 1.0, 1.0), yaw_state_signs=(1.0, -1.0, 1.0, 1.0, 1.0)

@@ -105,9 +105,9 @@ def test_push_against_something_is_blocked_quickly() -> None:
 
 def test_every_kind_of_joint_has_bounds_of_its_own() -> None:
     def push(current: HandState) -> None:
-        current.torques[INDEX_PITCH] = 1.0
+        current.torques[INDEX_MIDDLE] = 1.0
 
-    for bounds, blocked, touching in (((9, 0.5, 9), True, ("index",)), ((0.5, 9, 0.5), False, ())):
+    for bounds, blocked, touching in (((9, 9, 0.5), True, ("index",)), ((0.5, 0.5, 9), False, ())):
         move = PositionMove(state(0, OPEN), SHUT, SPEED, bounds)
         assert (end(move, moving(OPEN, SHUT), push)[0].code == ErrorCode.HAND_BLOCKED) == blocked
         closing = GraspMove(state(0, OPEN), SHUT, SPEED, ALL, bounds)
