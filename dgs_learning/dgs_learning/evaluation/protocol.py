@@ -232,8 +232,7 @@ class SceneRun:
         if grasp.holds:
             predicted = self.meter(grasp.grasp_joints, grasp.closing_pose, models, poses)
             after = result.closed
-            left = [self.world.models[i] for i in after.objects]
-            closed = self.meter(after.joints, after.T_table_tcp, left, list(after.objects.values()))
+            closed = self.meter(after.joints, after.T_table_tcp, models, list(after.objects.values()))
         target = self.world.models[result.object_index]
         self._take_away(result)
         self.failed.note(grasp, result.outcome in (Outcome.SUCCESS, Outcome.PUSHED))

@@ -32,7 +32,8 @@ ROBOT = Row("robot", scenes=2, seed=3, arm=True)
 
 def attempt(success: bool, code: int, source: str = "dgs_net") -> dict:
     return {
-        "success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0}, "source": source,
+        "success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0} if success else {},
+        "source": source,
     }  # fmt: skip
 
 
@@ -88,16 +89,30 @@ def test_rates_count_the_arms_failures_apart() -> None:
     assert s["level_pinches"] == {"attempts": 2, "successes": 1}
     assert s["after_lift"] == {"lost on the way": 1, "taken for lost": 1, "fault on the way": 1}
     assert s["refused_grasps"] == {"OUT_OF_REACH": 6, "NO_PATH": 4}
-    assert s["time_s"]["simulated"] == pytest.approx(66.0)
+    assert (s["time_s"]["wall"], s["time_s"]["simulated"]) == (pytest.approx(22.0), pytest.approx(66.0))
     assert s["picks_per_hour"] == pytest.approx(3600 * s["cleared"] / (10 * 66.0)), (
         "failed tries are no picks"
     )
-    assert s["time_s"]["stages"] == {"lift": pytest.approx(4.0)}
+    assert s["time_s"]["stages"] == {"lift": pytest.approx(2.4)}
+
+
+def test_a_scene_without_attempts_and_one_in_which_more_came_into_the_bin_than_was_lifted() -> None:
+    nothing = summarise_robot([scene(3000, 4, 0, [])])
+    assert (nothing["sr"], nothing["picks_per_hour"], nothing["time_s"]["simulated"]) == (0.0, 0.0, 0.0)
+    swept = summarise_robot([scene(3000, 2, 2, [attempt(True, 0)]), scene(3001, 2, 0, [attempt(True, 0)])])
+    assert swept["after_lift"]["lost on the way"] == 1
+
+
+def test_the_most_that_was_pressed_on_the_table_is_told_by_stage() -> None:
+    pressed = [{"approach": 3.0, "lift": 8.0}, {"approach": 5.0, "lift": 2.0}]
+    scenes = [{**SCENES[0], "table_force": forces} for forces in pressed]
+    assert summarise_robot([*scenes, SCENES[1]])["table_force"] == {"approach": 5.0, "lift": 8.0}
 
 
 def test_every_code_of_arm_and_hand_has_a_kind() -> None:
     kinds = {code.name: failure_kind(code) for code in ErrorCode if 200 <= code < 400}
-    assert kinds["COLLISION_LIFT"] == "planning failure"
+    planning = {kinds[name] for name in ("NO_CANDIDATES", "COLLISION_LIFT", "NO_FEASIBLE_GRASP")}
+    assert planning == {"planning failure"}
     assert kinds["PROTECTIVE_STOP"] == "execution abort"
     assert kinds["HAND_UNAVAILABLE"] == kinds["HAND_TIMEOUT"] == "hand fault"
     assert [name for name, kind in kinds.items() if kind in ("not lifted", "lost in lift")] == [
