@@ -26,6 +26,7 @@ from dgs_learning.training.curve import read_curve
 from dgs_learning.training.labels import (
     AIR_SHARE,
     CANDIDATE,
+    CANDIDATE_WEIGHT,
     NOT_GRASPABLE,
     REFERENCE,
     Labels,
@@ -121,6 +122,23 @@ def test_points_are_worth_what_the_grasps_beside_them_are():
     assert set(plain.worth.tolist()) == {0.0, 1.0} and not graded.worth[graded.kind == NOT_GRASPABLE].any()
     learnt = [each.grasp[each.voxel == 54] for each in (found(k, grasps_per_point=1) for k in range(40))]
     assert 30 <= sum(0 in each for each in learnt) < 40, "nine times of ten the steadier one"
+    worth = np.where(graded.kind[graded.voxel] == REFERENCE, 1.0, CANDIDATE_WEIGHT)
+    np.testing.assert_allclose(graded.weight, worth * grasps.score[graded.grasp], rtol=1e-6)
+    assert set(plain.weight.tolist()) == {1.0}
+
+
+def test_a_reference_point_learns_its_own_grasp_before_its_neighbours():
+    grasps = joined([_grasp_at([0.042, 0.051, 0.03]), _grasp_at([0.052, 0.051, 0.03])])
+    for seed in range(10):
+        rng, owner = np.random.default_rng(seed), np.zeros(2, int)
+        labels = label(_grid(), np.zeros(100, int), grasps, owner, rng, grasps_per_point=1)
+        assert [labels.grasp[labels.voxel == point].tolist() for point in (54, 55)] == [[0], [1]]
+
+
+def test_of_an_object_of_which_little_is_seen_all_points_are_labelled():
+    few = np.where(np.arange(100) // 10 == 5, 0, -1)
+    labels = label(_grid(), few, _grasp_at([0.042, 0.051, 0.03]), np.array([0]), np.random.default_rng(0))
+    assert np.flatnonzero(labels.kind != NOT_GRASPABLE).tolist() == list(range(50, 60))
 
 
 def test_rotation_errors_by_hand():
