@@ -85,8 +85,6 @@ def label(
     pairs = [(np.empty(0, int), np.empty(0, int), np.empty(0))]  # voxels, grasps, weights
     for k in np.unique(owner):
         rows, mine = np.flatnonzero(instance == k), np.flatnonzero(owner == k)
-        if not len(rows):
-            continue
         tree = cKDTree(centres[rows])
         distance, nearest = tree.query(grasps.position[mine])
         seen = distance < MAX_OFFSET

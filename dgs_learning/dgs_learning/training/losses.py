@@ -135,8 +135,7 @@ class Objective(nn.Module):
             "j_init": joint_loss(two.j_init[rows], batch.j_init[chosen], of_joints),
             "j_end": joint_loss(two.j_end[rows], batch.j_end[chosen], of_joints),
         }
-        used = [name for name in terms if name != "hypothesis" or logits.shape[1] > 1]
-        total = sum((WEIGHTS[name] * terms[name] for name in used), angle.new_zeros(()))
+        total = sum((WEIGHTS[name] * term for name, term in terms.items()), angle.new_zeros(()))
         with torch.no_grad():
             values = {"loss": total, **terms, **readable_errors(one, two, batch, angle)}
             return total, {name: value.detach().float() for name, value in values.items()}

@@ -327,6 +327,18 @@ def test_typical_shapes_are_the_means_of_clusters():
     assert np.allclose(shapes[np.argsort(shapes[:, 1, 1]), 1], wanted, atol=1e-3)
 
 
+def test_rotation_loss_teaches_the_nearest_hypothesis_and_lets_none_die():
+    torch.manual_seed(0)
+    predicted = torch.randn(5, 3, 6, requires_grad=True)
+    loss, *_ = rotation_loss(predicted, torch.zeros(5, 3), torch.eye(3).expand(5, 3, 3), torch.ones(5))
+    loss.backward()
+    learnt = predicted.grad.norm(dim=2)
+    nearest = rotation_errors(predicted.detach(), torch.eye(3))[0].argmin(1)
+    assert (learnt > 0).all()
+    rest = learnt.scatter(1, nearest[:, None], 0.0)
+    assert (learnt.gather(1, nearest[:, None]) > 5 * rest).all()
+
+
 def test_rotation_loss_teaches_the_hypothesis_that_it_is_told():
     torch.manual_seed(0)
     predicted, target = torch.randn(5, 3, 6), torch.eye(3).expand(5, 3, 3)
