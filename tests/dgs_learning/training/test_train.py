@@ -23,7 +23,7 @@ from dgs_learning.dataset import (
     object_grasps,
 )
 from dgs_learning.training import batches, train
-from dgs_learning.training.batches import augment
+from dgs_learning.training.batches import ViewDataset, augment
 from dgs_learning.training.curve import read_curve
 from dgs_learning.training.labels import (
     AIR_SHARE,
@@ -39,6 +39,7 @@ from dgs_learning.training.losses import (
     Objective,
     joint_loss,
     offset_loss,
+    readable_errors,
     rotation_errors,
     rotation_loss,
     score_loss,
@@ -176,6 +177,32 @@ def test_offset_and_joint_loss_by_hand():
     assert joints.item() == pytest.approx((0.01 + 0.5 * 0.09) / 1.5)
 
 
+def test_readable_errors_by_hand():
+    logits = torch.tensor([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
+    zeros, row = torch.zeros(4, 3), torch.tensor([2])
+    batch = SimpleNamespace(
+        kind=torch.tensor([1, 0, 0, 2]), voxel=row, chosen=torch.tensor([0]), touch=torch.tensor([[1.0, 1.0, 0.0]]),
+        offset=torch.tensor([[0.003, 0.004, 0.0]]), j_end=torch.tensor([[0.1, 0.3, 9.0]]),
+    )  # fmt: skip
+    two = SimpleNamespace(offset=zeros, j_end=zeros)
+    errors = readable_errors(SimpleNamespace(score_logits=logits), two, batch, torch.tensor([0.1, 0.2, 3.0]))  # type: ignore[arg-type]
+    values = {name: float(value) for name, value in errors.items()}
+    assert values == pytest.approx({
+        "precision": 1 / 3, "recall": 1 / 2, "angle_deg": np.rad2deg(0.2), "offset_mm": 5.0, "j_end_rad": 0.2,
+    }, rel=1e-5)  # fmt: skip
+
+
+def test_averaged_weights_do_not_stay_where_the_training_began(dataset: GraspDataset, tmp_path: Path):
+    trainer = _trainer(dataset, tmp_path / "run", 1)
+    start = torch.nn.utils.parameters_to_vector(trainer.averaged.parameters())
+    for batch in trainer.loader():
+        trainer.train_step(batch)
+    now, averaged = (
+        torch.nn.utils.parameters_to_vector(net.parameters()) for net in (trainer.net, trainer.averaged)
+    )
+    assert 0 < (averaged - now).norm() < 0.3 * (start - now).norm()
+
+
 def test_augmentation_moves_points_and_grasps_together(
     dataset: GraspDataset, monkeypatch: pytest.MonkeyPatch
 ):
@@ -258,6 +285,20 @@ def test_a_training_ends_when_its_time_is_over_and_its_rate_has_fallen_by_then(
     assert read_curve(trainer.curve)["train"]["step"][-1] == trainer.step
     again = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.03, validate_every=0)
     assert again.resume() and again.over
+
+
+def test_the_last_scenes_are_measured_on_as_they_are_and_seen_by_no_step(
+    dataset: GraspDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainer = _trainer(dataset, tmp_path / "run", 4)
+    view, seen = trainer.source.view, []
+    monkeypatch.setattr(trainer.source, "view", lambda scene, k: seen.append((scene, k)) or view(scene, k))
+    assert len(list(trainer.loader())) == 4 and {scene for scene, _ in seen} == {0, 1}
+    seen.clear()
+    (held_out,) = trainer._held_out
+    assert seen == [(2, 0), (2, 1)]
+    plain = trainer.collate([ViewDataset(trainer.source, 0, augmented=False)[2, k, 0] for k in range(2)])
+    assert torch.equal(held_out.voxels.centres, plain.voxels.centres)
 
 
 def test_a_gradient_that_is_not_finite_is_left_out_and_many_end_the_training(
