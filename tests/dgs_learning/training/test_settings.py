@@ -120,6 +120,7 @@ def test_epochs_and_steps_agree() -> None:
     by_steps = TrainingSettings(steps=96, views_per_scene=16).for_scenes(240)
     assert (by_steps.epochs, by_steps.steps) == (0.25, 96)
     assert by_steps.for_scenes(240) == by_steps
+    assert TrainingSettings(epochs=1e-6).for_scenes(4).steps == 1
 
 
 def test_learning_rate_warms_up_and_falls_to_two_percent() -> None:

@@ -11,6 +11,7 @@ import torch
 
 from dgs_description.errors import ErrorCode
 from dgs_grasp_planner.network import PRESETS, DGSNet, load_network, save_network
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.dataset import save_dataset
 from dgs_learning.training.__main__ import main
 from dgs_learning.training.settings import TrainingSettings
@@ -54,6 +55,7 @@ def test_a_training_starts_from_given_weights_and_then_from_its_own(
     assert max(moved) < 2e-3, "one step of 1e-6, and half precision in the file"
     notes = json.loads((out / "latest.json").read_text())["notes"]
     assert notes["init"] == {"model_id": "earlier", "sha256": info.sha256, "step": 70}
+    assert notes["dataset"] == {"file": "dataset.npz", "sha256": file_sha256(folder / "dataset.npz")}
     # The checkpoint goes before the weights, and remembers them.
     assert _run(folder, out, "--steps", "2") == 0
     assert "resumed at step 1" in capsys.readouterr().out

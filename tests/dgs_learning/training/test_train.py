@@ -285,6 +285,10 @@ def test_a_training_ends_when_its_time_is_over_and_its_rate_has_fallen_by_then(
     assert read_curve(trainer.curve)["train"]["step"][-1] == trainer.step
     again = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.03, validate_every=0)
     assert again.resume() and again.over
+    longer = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.06, validate_every=0)
+    assert longer.resume()
+    longer.run()
+    assert 1.5 * trainer.step < longer.step < 2.5 * trainer.step, "the time before counts"
 
 
 def test_the_last_scenes_are_measured_on_as_they_are_and_seen_by_no_step(
@@ -373,7 +377,7 @@ def test_bf16_on_a_cpu_starts_like_fp32(dataset: GraspDataset, tmp_path: Path):
     assert first[1] == pytest.approx(first[0], rel=0.02)
 
 
-def test_typical_shapes_are_the_means_of_clusters():
+def test_typical_shapes_are_the_means_of_clusters(dataset: GraspDataset, tmp_path: Path):
     joints = np.tile([0.0, 0.5, 0.4, 0.4], 5) + np.array([0.0, 0.02, 0.4, 0.42])[:, None]
     grasps = object_grasps(
         np.zeros((4, 3)), np.eye(3)[None].repeat(4, 0), joints, finger_pattern([5] * 4), np.full(4, GUIDED)
@@ -382,6 +386,8 @@ def test_typical_shapes_are_the_means_of_clusters():
     assert shapes.shape == (2, 2, 15)
     wanted = [np.tile([0.0, 0.5, 0.4], 5) + more for more in (0.01, 0.41)]
     assert np.allclose(shapes[np.argsort(shapes[:, 1, 1]), 1], wanted, atol=1e-3)
+    begun = _trainer(dataset, tmp_path / "run", 1, fixed_shapes=2).net.two.shapes
+    np.testing.assert_array_equal(begun, typical_shapes(dataset.grasps, 2))
 
 
 def test_rotation_loss_teaches_the_nearest_hypothesis_and_lets_none_die():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from dgs_description.frames import apply, transform
 from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.objects import shapes
-from dgs_learning.training.views import LEFT, MARGIN, ViewSettings, ViewSource, capture, window
+from dgs_learning.training import views
+from dgs_learning.training.views import LEFT, MARGIN, View, ViewSettings, ViewSource, capture, window
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import from_parts
 from tests.dgs_learning.tiny_dataset import tiny_dataset
@@ -31,6 +33,23 @@ def test_a_window_of_the_image_shows_the_same_objects_from_the_same_place() -> N
     np.testing.assert_allclose(part[1:], full[1:], rtol=0.1, atol=30)
     assert 500 < part[0] <= full[0] * 1.1, "of the table, what lies around the objects"
     np.testing.assert_allclose(same_middle, middle, atol=2e-3)
+
+
+def test_some_views_are_of_the_whole_image_and_all_where_the_table_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole: list[bool] = []
+
+    def noted(*args: Any, **options: bool) -> View:
+        whole.append(options["whole"])
+        return capture(*args, **options)
+
+    monkeypatch.setattr(views, "capture", noted)
+    for keep_table in (False, True):
+        source = ViewSource(tiny_dataset(), 0, keep_table)
+        for number in range(5):
+            source.view(0, number)
+    assert whole == [True, False, False, False, True] + [True] * 5
 
 
 def test_things_too_thin_to_stand_out_are_views_of_the_whole_table() -> None:
