@@ -10,6 +10,7 @@ import pytest
 
 from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError
+from dgs_description.hand import HAND
 from dgs_learning.dataset import FARTHEST, LEVER, GraspDataset, load_dataset, save_dataset, steadiness
 from tests.dgs_learning.small_dataset import small_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
@@ -54,16 +55,28 @@ def test_of_a_thinned_dataset_every_object_has_so_many_grasps_at_most() -> None:
 def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
     position = dataset.grasps.position.copy()
     position[0] = (FARTHEST, -FARTHEST, 0.0)
-    dataset = replace(dataset, grasps=replace(dataset.grasps, position=position))
+    joints, gap = dataset.grasps.grasp_joints.copy(), dataset.gap.copy()
+    joints[0], joints[1], gap[0, 0] = HAND.lower, HAND.upper, 0.0254  # as far as the file goes
+    whole = replace(dataset, grasps=replace(dataset.grasps, position=position, grasp_joints=joints), gap=gap)
+    joints = joints + [[-0.02], [0.02], [0.0], [0.0]]
+    beyond = replace(whole.grasps, grasp_joints=joints)
+    dataset = replace(whole, grasps=beyond, gap=np.where(gap == 0.0254, 0.04, gap))
     save_dataset(tmp_path / "d.npz", dataset)
     read = load_dataset(tmp_path / "d.npz")
+    dataset = whole
     assert np.abs(read.grasps.position - dataset.grasps.position).max() < 1e-5
     assert np.abs(read.grasps.rotation - dataset.grasps.rotation).max() < 1e-4
     assert np.abs(read.grasps.grasp_joints - dataset.grasps.grasp_joints).max() < 0.004
     assert np.array_equal(read.grasps.source, dataset.grasps.source)
     assert np.allclose(read.gap, dataset.gap, equal_nan=True)
+    assert np.allclose(read.friction, dataset.friction, equal_nan=True)
     assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
     assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
+
+
+def test_a_dataset_without_scenes_has_none_after_the_file(dataset: GraspDataset, tmp_path: Path) -> None:
+    save_dataset(tmp_path / "d.npz", replace(dataset, scenes=[]))
+    assert load_dataset(tmp_path / "d.npz").scenes == []
 
 
 def test_of_a_file_without_gaps_nobody_knows_which_fingers_touch(

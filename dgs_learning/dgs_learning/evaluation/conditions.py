@@ -44,7 +44,7 @@ def holes(cloud: Cloud, camera: Array, rng: np.random.Generator) -> Cloud:
     rays = cloud - camera.astype(np.float32)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     kept = np.ones(len(cloud), dtype=bool)
-    while len(cloud) and kept.mean() > 1 - MISSING:
+    while kept.mean() > 1 - MISSING:
         kept &= rays @ rays[rng.integers(len(rays))] < np.cos(HOLE_RADIUS)
     return cloud[kept]
 
@@ -56,7 +56,7 @@ def no_table(cloud: Cloud, camera: Array, rng: np.random.Generator) -> Cloud:
 
 def wall(cloud: Cloud, camera: Array, rng: np.random.Generator) -> Cloud:
     """A rough wall, 0.2 m high, right behind the far edge of what is seen."""
-    away = -camera[:2] / max(float(np.linalg.norm(camera[:2])), 1e-6)
+    away = -camera[:2] / np.linalg.norm(camera[:2])
     along = np.array([-away[1], away[0]])
     far = float((cloud[:, :2] @ away).max())
     count = 6000

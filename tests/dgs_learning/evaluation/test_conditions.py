@@ -9,11 +9,13 @@ import pytest
 from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError
+from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import PlanRequest, Prediction
 from dgs_learning.evaluation.conditions import MISSING, Condition, holes, no_table, wall
 from dgs_learning.training.views import View, ViewSettings, capture
-from dgs_sim_bridge.render.d455 import D455
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.world.physics import PHYSICS
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
@@ -52,10 +54,14 @@ def test_noise_is_scaled_and_switched_off() -> None:
         image = Condition(noise=factor).views((0.4, 0.8)).noise.apply(depth, D455, rng())
         spread.append(float(image[image > 0].std()))
     assert spread[0] < 1e-3 < spread[1] < spread[2]
+    plain, worn, none = (Condition(**c).views((0.4, 0.8)).noise for c in ({}, {"worn": True}, {"noise": 0}))
+    assert plain == D455Noise() and worn.subpixel_rms == 2 * plain.subpixel_rms
+    assert none.quantisation == 0.0 < worn.quantisation
 
 
 def test_without_a_condition_the_views_are_those_of_the_training() -> None:
     assert Condition().described() == {}
+    assert Condition(noise=2.0).described() == {"condition": {"noise": 2.0}}
     assert Condition().views((0.35, 0.35)) == ViewSettings(crop=(0.35, 0.35, 0.30))
 
 
@@ -67,7 +73,7 @@ def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(vi
         cloud: np.ndarray, camera: ArrayLike, generator: np.random.Generator, request: PlanRequest
     ) -> Prediction:
         top = cloud[cloud[:, 2].argmax()].astype(float)
-        heard.append(float(top[2]))
+        heard.extend([float(top[2]), float(np.asarray(camera)[2]), float(request.failed[0, 2, 3])])
         one = GraspSet.of(
             "test", position=top, rotation=np.eye(3), pre_grasp_joints=np.zeros(20), grasp_joints=np.zeros(20),
             active_fingers=np.ones(5), score=1.0, reference_point=top,
@@ -75,9 +81,10 @@ def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(vi
         return Prediction(one, len(cloud), {})
 
     planner = Condition(table_error=0.005).disturb(highest, [0])
-    answer = planner(view.points, view.camera, rng(), PlanRequest())
+    failed = transform(position=(0.1, 0.0, 0.3))[None]
+    answer = planner(view.points, view.camera, rng(), PlanRequest(failed=failed))
     true = float(view.points[:, 2].max())
-    assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)
+    assert heard == pytest.approx([true + 0.005, view.camera[2] + 0.005, 0.305], abs=1e-6)
     assert answer.grasps.position[0, 2] == pytest.approx(true, abs=1e-6)
     assert answer.grasps.reference_point[0, 2] == pytest.approx(true, abs=1e-6)
 
@@ -106,6 +113,7 @@ def test_worn_hardware_is_as_worn_as_is_said_and_the_same_each_time() -> None:
                 [model.mass / new.mass for model, new in zip(world.models, DATA.objects, strict=True)]
             )
             zeros.append(world.world.joints()[0] - world.world.posture())
+            np.testing.assert_allclose(HAND.expand(HAND.reduce(zeros[-1])), zeros[-1], atol=1e-9)
     for drawn, low, high in ((friction, 0.4, 0.9), (mass, 0.7, 1.5), (zeros, -0.03, 0.03)):
         assert (
             low
