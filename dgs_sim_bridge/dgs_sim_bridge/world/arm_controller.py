@@ -144,7 +144,6 @@ class ArmController:
         error = np.abs(self._set_point.positions - state.positions)
         standing = np.all(np.abs(state.velocities) <= tolerances.goal_velocity)
         if standing and np.all(error <= tolerances.goal):
-            self._spline = None
             self._end(Outcome("succeeded", FollowCode.SUCCESSFUL, "the goal is reached"))
         elif self._elapsed > spline.duration + tolerances.goal_time:
             missed = f"{tolerances.goal_time:g} s after the end the goal was missed"

@@ -111,7 +111,7 @@ class Simulation:
         self.world.step()
         self.arm_state = self.world.arm_state()
         if self.time >= self._next_hand_state:
-            self._next_hand_state = max(self._next_hand_state + STATE_PERIOD, self.time)
+            self._next_hand_state += STATE_PERIOD
             self._bus.publish_state(*self.world.hand.state(), self.world.hand.fingertip_forces(), self.time)
 
     def _apply_faults(self) -> None:

@@ -3,7 +3,7 @@ import pytest
 
 from dgs_description.joints import JointPath
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal, Outcome
-from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, Tolerances
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, Tolerances
 
 DT = 1 / 240
 
@@ -114,8 +114,23 @@ def test_points_that_are_over_are_left_out(arm: Arm) -> None:
     arm.start(arm.goal([0.0, 0.5, 1.5], [0.6, 0.7, 0.3], start_time=0.0))
     track = arm.run(0.6)
     # From where the arm is, in the 0.5 s that are left.
-    assert np.abs(np.diff(track)).max() <= 0.6 * DT * 1.01
+    assert np.abs(np.diff(track, prepend=0.0)).max() <= 0.6 * DT * 1.01
     assert arm.outcomes[0].status == "succeeded" and track[-1] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("times", "now"), [([0.0], 0.0), ([0.0, 0.5], 1.0)])
+def test_an_end_that_is_over_or_due_is_taken_if_it_is_near(arm: Arm, times: list[float], now: float) -> None:
+    arm.now = now
+    arm.start(arm.goal(times, [0.1] * len(times), start_time=0.0))
+    assert arm.run(0.1)[-1] == pytest.approx(0.1) and arm.outcomes[0].status == "succeeded"
+
+
+def test_a_goal_that_is_refused_stops_the_one_before(arm: Arm) -> None:
+    arm.start(arm.goal([0.0, 1.0], [0.0, 1.0]))
+    arm.run(0.5)
+    arm.start(arm.goal([0.0], [3.0]))
+    assert [outcome.status for outcome in arm.outcomes] == ["aborted"] * 2
+    assert 0.5 < arm.run(1.0)[-1] < 0.65
 
 
 def test_it_holds_from_the_start() -> None:
@@ -138,14 +153,17 @@ def test_braking_is_the_same_in_both_directions(arm: Arm) -> None:
 
 @pytest.mark.parametrize("scaling", [0.25, 0.87, 1.0])
 def test_scaled_time_takes_longer_along_the_same_path(arm: Arm, scaling: float) -> None:
-    seen: list[tuple[float, float, float]] = []
+    seen: list[tuple[float, ...]] = []
     arm.controller.speed_scaling = scaling
-    arm.start(
-        arm.goal([0.4, 0.8], [0.3, 0.1], on_progress=lambda w, m, t: seen.append((w.positions[0], w.time, t)))
-    )
+
+    def progress(wanted: SetPoint, measured: ArmState, passed: float) -> None:
+        seen.append((wanted.positions[0], wanted.velocities[0], wanted.time, passed))
+
+    arm.start(arm.goal([0.4, 0.8], [0.3, 0.1], on_progress=progress))
     arm.run(0.8 / scaling + 0.1)
     assert arm.outcomes[0].status == "succeeded"
-    positions, planned, passed = np.array(seen).T
+    positions, velocities, planned, passed = np.array(seen).T
+    np.testing.assert_allclose(velocities, scaling * np.where(planned < 0.4, 0.75, -0.5), rtol=1e-6)
     np.testing.assert_allclose(planned, scaling * passed, rtol=1e-3)
     np.testing.assert_allclose(positions, np.interp(planned, [0.0, 0.4, 0.8], [0.0, 0.3, 0.1]), atol=1e-9)
 
@@ -161,13 +179,15 @@ def test_goal_is_not_reached_while_the_arm_still_moves(arm: Arm) -> None:
     assert arm.outcomes[0].status == "succeeded"
 
 
-def test_cancel_brakes_and_holds(arm: Arm) -> None:
+@pytest.mark.parametrize("scaling", [1.0, 0.0])
+def test_cancel_brakes_and_holds(arm: Arm, scaling: float) -> None:
     goal = arm.start(arm.goal([0.0, 1.0], [0.0, 1.0]))
     arm.run(0.5)
     arm.controller.cancel(goal)
+    arm.controller.speed_scaling = scaling
     track = arm.run(1.0)
     assert arm.outcomes[0].status == "canceled"
-    assert 0.5 < track[-1] < 0.65
+    assert 0.55 < track[-1] < 0.65 and not arm.state.velocities.any()
     assert np.abs(np.diff(track)).max() <= 1.0 * DT * 1.01
     np.testing.assert_allclose(track[-100:], track[-1])
 

@@ -16,8 +16,10 @@ STILL = ArmState(np.zeros(6), np.zeros(6), np.zeros(6))
 RAMP = np.linspace(0, 1, 5)[:, None] * np.ones(6)
 
 
-def test_positions_alone_are_joined_by_straight_lines() -> None:
-    spline = Spline(JointPath(np.array([0.0, 1.0, 3.0]), np.array([np.zeros(6), np.ones(6), np.zeros(6)])))
+@pytest.mark.parametrize("accelerations", [None, np.ones((3, 6))])
+def test_positions_alone_are_joined_by_straight_lines(accelerations: np.ndarray | None) -> None:
+    ends = np.array([np.zeros(6), np.ones(6), np.zeros(6)])
+    spline = Spline(JointPath(np.array([0.0, 1.0, 3.0]), ends, None, accelerations))
     np.testing.assert_allclose(spline.sample(0.25).positions, 0.25)
     np.testing.assert_allclose(spline.sample(0.25).velocities, 1.0)
     np.testing.assert_allclose(spline.sample(2.0).positions, 0.5)
@@ -58,6 +60,8 @@ def test_velocity_of_the_moving_arm_is_taken_over() -> None:
     state = ArmState(np.zeros(6), np.full(6, 0.4), np.zeros(6))
     spline = spline_from(state, JointPath(np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6))))
     np.testing.assert_allclose(spline.sample(1e-6).velocities, 0.4, atol=1e-4)
+    faster = JointPath(np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6)), np.full((2, 6), 3.0))
+    np.testing.assert_allclose(spline_from(state, faster).sample(0.01).velocities, 0.4, atol=0.01)
 
 
 def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
@@ -73,6 +77,10 @@ def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
 def test_first_point_that_cannot_be_reached_in_time_is_refused() -> None:
     with pytest.raises(TrajectoryRefused):
         spline_from(STILL, JointPath(np.array([0.1]), np.ones((1, 6))))
+    nearer = np.array([[0.85, 0.0, 0.0, 0.0, 0.0, 0.9]])  # the wrist is faster
+    with pytest.raises(TrajectoryRefused, match="shoulder_pan_joint"):
+        spline_from(STILL, JointPath(np.array([0.2]), nearer))
+    spline_from(STILL, JointPath(np.array([0.2]), nearer * (0.9, 1.0, 1.0, 1.0, 1.0, 1.0)))
 
 
 def test_braking_starts_as_it_was_and_ends_at_rest_without_overshoot() -> None:
