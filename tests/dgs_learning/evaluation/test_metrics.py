@@ -70,7 +70,7 @@ def test_kinds_of_rest_penetration_and_times_are_counted_apart() -> None:
         ("pushed", 1, "push", 0.1, 9.0, 90.0, 9.0, 90.0),
         ("slipped", 1, "dgs_net", 0.4, 4.0, 40.0, 5.0, 50.0),
         ("missed", 1, "level_pinch", 0.1, 2.0, 20.0, 7.0, 70.0),
-        ("success", 2, "dgs_net", 0.3, 0.0, 0.0, 1.0, 10.0),
+        ("success", 2, "level_pinch", 0.3, 0.0, 0.0, 1.0, 10.0),
     ]
     attempts = tuple(
         replace(record(outcome, k=k), **dict(zip(numbers, row, strict=True)))
@@ -85,7 +85,7 @@ def test_kinds_of_rest_penetration_and_times_are_counted_apart() -> None:
     assert summary["per_kind"]["wide"]["pv_mm3"]["mean"] == 30.0, "a push is no attempt"
     means = {name: summary[name]["mean"] for name in numbers[3:]}
     assert means == {"pd_mm": 1.75, "pv_mm3": 17.5, "pd_closed_mm": 4.0, "pv_closed_mm3": 40.0}
-    assert (summary["level_pinches"]["successes"], summary["level_pinches"]["attempts"]) == (1, 2)
+    assert (summary["level_pinches"]["successes"], summary["level_pinches"]["attempts"]) == (2, 3)
     assert summary["time_s"]["cpu_mean"] == pytest.approx(0.2)
 
 
