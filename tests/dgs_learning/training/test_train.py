@@ -278,8 +278,12 @@ def test_a_training_ends_when_its_time_is_over_and_its_rate_has_fallen_by_then(
 ) -> None:
     clock = count(0.0, 0.05)  # a look at it takes so long, and a busy machine takes no more steps away
     monkeypatch.setattr(train, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    trainer = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.03, validate_every=0)
+    wishes = {"minutes": 0.03, "validate_every": 0, "checkpoint_minutes": 0.01}
+    trainer, saved = _trainer(dataset, tmp_path / "run", 100_000, **wishes), []
+    save = trainer.save
+    monkeypatch.setattr(trainer, "save", lambda: saved.append(trainer.step) or save())
     trainer.run()
+    assert len(saved) == 3 and 0 < saved[0] < saved[1] < saved[2] == trainer.step
     assert 10 < trainer.step < 36 and 1.8 <= trainer.seconds < 2.0
     assert trainer.optimiser.param_groups[0]["lr"] < 0.5 * trainer.settings.learning_rate
     assert read_curve(trainer.curve)["train"]["step"][-1] == trainer.step
