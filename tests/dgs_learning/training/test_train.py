@@ -283,7 +283,7 @@ def test_a_training_ends_when_its_time_is_over_and_its_rate_has_fallen_by_then(
     save = trainer.save
     monkeypatch.setattr(trainer, "save", lambda: saved.append(trainer.step) or save())
     trainer.run()
-    assert len(saved) == 3 and 0 < saved[0] < saved[1] < saved[2] == trainer.step
+    assert 0 < saved[0] < saved[1] < saved[-1] == trainer.step and len(saved) < 6
     assert 10 < trainer.step < 36 and 1.8 <= trainer.seconds < 2.0
     assert trainer.optimiser.param_groups[0]["lr"] < 0.5 * trainer.settings.learning_rate
     assert read_curve(trainer.curve)["train"]["step"][-1] == trainer.step
