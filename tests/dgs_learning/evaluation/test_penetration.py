@@ -7,7 +7,7 @@ import pytest
 
 from dgs_description.frames import transform
 from dgs_description.hand import HAND
-from dgs_learning.evaluation.penetration import PenetrationMeter, hand_parts, solid_of
+from dgs_learning.evaluation.penetration import SAMPLE, PenetrationMeter, hand_parts, solid_of
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 
@@ -48,6 +48,14 @@ def test_a_fingertip_pushed_into_a_wall(depth: float) -> None:
     if depth >= 0.002:
         cap = np.pi * depth**2 * (radius - depth / 3)
         assert found.volume_mm3 == pytest.approx(cap * 1e9, rel=0.03)
+
+
+def test_a_finger_through_a_plate_is_as_deep_as_half_of_it_is_thick() -> None:
+    """All corners of what they share lie on the plate's faces."""
+    tip = middle_tip()
+    plate = transform(position=(tip[0], tip[1], tip[2] - 0.012))
+    found = PenetrationMeter()(OPEN, AT_ORIGIN, [block((0.03, 0.03, 0.004))], [plate])
+    assert found.depth_mm == pytest.approx(2.0, abs=SAMPLE / 2 * 1e3)
 
 
 def test_volume_agrees_with_a_voxel_sum() -> None:

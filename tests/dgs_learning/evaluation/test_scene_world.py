@@ -71,6 +71,18 @@ def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one(best: GraspSe
     assert good.closed.objects[0][2, 3] == pytest.approx(0.036, abs=0.02)
 
 
+def test_lifted_is_higher_by_a_tenth_of_a_metre_and_shaken_along_both_level_axes() -> None:
+    with world_of(BLOCK) as world:
+        before, way = world.object_poses(), []
+        for rise, lifted in ((0.095, []), (0.105, [0])):
+            world.world.place(0, transform(position=(0, 0, rise)) @ POSE)
+            assert world._lifted(before) == lifted
+        carry = world.world.carry
+        world.world.carry = lambda T: way.append(T[:3, 3]) or carry(T)
+        world._shake_and_hold(transform(position=(0, 0, 0.5)), before)
+    assert np.ptp(way, axis=0) == pytest.approx((0.04, 0.04, 0.0)) and way[0][2] == pytest.approx(0.5 + LIFT)
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
     case = next(m for m in find_catalogue("household") if m.name == "game_case_000")

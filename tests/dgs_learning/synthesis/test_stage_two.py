@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dgs_description.frames import apply
+from dgs_description.frames import apply, transform
 from dgs_description.hand import HAND
 from dgs_learning.objects import shapes
-from dgs_learning.synthesis.scenes import make_scene
+from dgs_learning.synthesis.scenes import Scene, make_scene
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import from_parts
 
@@ -35,3 +35,7 @@ def test_scene_keeps_no_grasp_through_the_table(block, sdf, found):
     upside_down = replace(grasps, rotation=np.tile(T[:3, :3].T, (len(grasps), 1, 1)))
     (none,) = valid_in_scene(scene, [upside_down], [sdf])
     assert not len(none), "a hand that comes from below the table was kept"
+    beside = transform(position=(0.07, 0.0, 0.0)) @ T
+    crowded = Scene(np.zeros(2, int), np.stack([T, beside]))
+    free, _ = valid_in_scene(crowded, [grasps, grasps[:0]], [sdf, sdf])
+    assert len(free) < len(kept), "a hand that cuts the object beside was kept"

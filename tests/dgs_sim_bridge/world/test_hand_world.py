@@ -139,6 +139,18 @@ def test_a_worn_hand_closes_later_and_holds_less(engine: str) -> None:
     assert loose == pytest.approx(new - 0.025, abs=0.01)
 
 
+def test_a_worn_hand_has_less_torque(engine: str) -> None:
+    used = []
+    for effort in (1.0, 0.1):
+        start = transform(position=(0.0, 0.01, 0.030))
+        with open_world(engine, [BLOCK], [start], False, wear=Wear(effort=effort)) as world:
+            world.put_hand(np.eye(4), pinch(0.04).pre_grasp_joints)
+            world.start_closing(pinch(0.04), 2.0)
+            run(world, 0.6)
+            used.append(np.max(np.abs(world.joints()[1]) / HAND.effort))
+    assert used[1] <= 0.1001 < used[0]
+
+
 def test_both_engines_have_the_same_hand() -> None:
     joints = np.tile([0.1, 0.5, 0.4, 0.4], 5)
     poses = []
