@@ -96,9 +96,6 @@ class Execution:
         try:
             off = np.abs(robot.watch.arm_joints() - self._planner.home).max()
             if off < _AT_HOME and robot.load is None and not robot.obstructed:
-                if not is_open(robot.situation().hand_joints):  # stopped on its first degrees, or unknown
-                    with self._stages("release"):
-                        robot.open_hand()
                 report.message = "the arm was at home already"
                 return report
             load, room = robot.load, True

@@ -109,7 +109,6 @@ class Run:
         self._cancel_at = cancel_at
         self.stages: list[str] = []
         self.out_of_view = False
-        self._progress = 0.0
         self._news = threading.Condition()
         with self._news:  # news of a stage may come before the answer that the goal is accepted
             self._sent = cell.action.send_goal_async(goal, feedback_callback=self._note)
@@ -123,15 +122,14 @@ class Run:
                 if message.feedback.stage == self._cancel_at:
                     self._cell.action.cancel_when_accepted(self._sent)
             self.out_of_view |= message.feedback.out_of_view
-            self._progress = message.feedback.progress
             self._news.notify_all()
 
-    def wait_for(self, stage: str, progress: float = 0.0, timeout: float = GUARD) -> None:
-        def there() -> bool:
-            return stage in self.stages[:-1] or (stage in self.stages and self._progress >= progress)
-
-        wait_until(lambda: there() or self.done(), timeout)
-        assert there() or (self.end() and there()), (self.stages, self.end()[1].message)
+    def wait_for(self, stage: str, timeout: float = GUARD) -> None:
+        wait_until(lambda: stage in self.stages or self.done(), timeout)
+        assert stage in self.stages or (self.end() and stage in self.stages), (
+            self.stages,
+            self.end()[1].message,
+        )
 
     def cancel(self) -> None:
         self._cell.client.wait(self._handle.cancel_goal_async())
