@@ -50,7 +50,13 @@ from dgs_hand_driver.move_goal import DEFAULT_SPEED
 from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.records import claim, follow
-from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_folder, scene_request
+from dgs_learning.evaluation.robot import (
+    check_robot_row,
+    finish_robot,
+    scene_folder,
+    scene_request,
+    todo_and_done,
+)
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
@@ -272,9 +278,9 @@ def run_rehearsal(
     check_robot_row(row)
     described = {"protocol": "robot", "rehearsal": True, **described}
     claim(folder, described)
-    todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
+    todo, done = todo_and_done(folder, row.scenes)
     running = Engine(workers).run(_one, ((catalogue, row, n, folder) for n in todo))
-    follow(running, len(todo), [], summarise_robot)
+    follow(running, len(todo), done, summarise_robot)
     return finish_robot(folder, described, row.scenes)
 
 

@@ -91,6 +91,12 @@ def load_robot_scene(folder: Path, number: int) -> dict[str, Any]:
     return json.loads((scene_folder(folder, number) / "summary.json").read_text())
 
 
+def todo_and_done(folder: Path, scenes: int) -> tuple[list[int], list[dict[str, Any]]]:
+    """Numbers of the scenes that are not finished, and the summaries of those that are."""
+    todo = [n for n in range(scenes) if not scene_folder(folder, n).is_dir()]
+    return todo, [load_robot_scene(folder, n) for n in range(scenes) if n not in todo]
+
+
 def carried_through(folder: Path) -> bool:
     """Whether the demo's folder holds a result: the run ended by itself, at its time limit or by a fault of the arm.
 
@@ -124,8 +130,7 @@ def run_robot(
     claim(folder, described)
     save_catalogue(folder / "objects.npz", catalogue)
     _write_parameters(folder / "parameters.yaml", row)
-    todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
-    done = [load_robot_scene(folder, n) for n in range(row.scenes) if n not in todo]
+    todo, done = todo_and_done(folder, row.scenes)
     follow((_clear(folder, n, row) for n in todo), len(todo), done, summarise_robot)
     if broken := [n for n in todo if not scene_folder(folder, n).is_dir()]:
         raise SuiteFailed(
