@@ -204,6 +204,8 @@ class Execution:
             try:
                 self._stages.ease_off([_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF])
             except DgsError as trouble:  # then it is to back off from what it presses on
+                if trouble.code in _HOLD_CODES:
+                    raise
                 raise DgsError(error.code, f"{error.message}; {trouble.message}") from trouble
             return True
         return False

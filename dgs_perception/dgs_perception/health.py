@@ -122,4 +122,4 @@ class CameraHealth:
     def _rate(self, now: float) -> float:
         # Until now, not until the last arrival: the figure must fall when the source stops.
         several = len(self._arrivals) > 1
-        return (len(self._arrivals) - 1) / (now - self._arrivals[0]) if several else 0.0
+        return (len(self._arrivals) - 1) / max(now - self._arrivals[0], 1e-9) if several else 0.0
