@@ -70,5 +70,7 @@ class CharucoBoard:
         if coefficients.size not in _COEFFICIENTS:
             many = f"{coefficients.size} coefficients of distortion"
             raise DgsError(ErrorCode.CALIBRATION_DATA, f"{many}; OpenCV has 0, 4, 5, 8, 12 or 14")
-        _, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, coefficients)
+        found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, coefficients)
+        if not found:
+            raise DgsError(ErrorCode.CALIBRATION_DATA, "the corners of the board do not fit one pose")
         return transform(cv2.Rodrigues(rotation)[0], translation.ravel())
