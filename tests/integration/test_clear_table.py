@@ -180,6 +180,17 @@ def test_what_was_prepared_is_dropped_when_the_object_was_lost(cell: ScriptedCel
     assert cell.events[7:9] == ["home", "look"]
 
 
+def test_nothing_is_sent_behind_a_pick_that_has_failed_while_the_planner_was_asked(
+    cell: ScriptedCell,
+) -> None:
+    cell.carries = cell.ponders = True
+    cell.plans, cell.picks = [plan(0.2), plan(0.3)], [pick(ErrorCode.TRAJECTORY_ABORTED), pick()]
+    cell.homings = [GoHome.Result(), GoHome.Result(object_released=True)]
+    result = cell.run().result
+    assert (result.error_code, result.attempts, result.successes) == (0, 1, 1), result.message
+    assert cell.events == ["home", "look", "pick", "look", "released", "home", "look"]
+
+
 def test_a_stop_while_the_next_pick_is_prepared_ends_the_run(cell: ScriptedCell) -> None:
     cell.carries, cell.plans, cell.picks = True, [plan(0.2), plan(0.3)], [pick(ErrorCode.STOPPED)]
     cell.drops_follower = True

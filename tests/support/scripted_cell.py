@@ -52,6 +52,7 @@ class ScriptedCell:
         self.driving = False
         self.held = False  # it carries until it is cancelled
         self.drops_follower = False  # the goal that carries ends badly, which ends the one behind it
+        self.ponders = False  # the planner answers only when what is carried is where it goes
         self.mute = False  # the camera says nothing
         self.cancelled = False
         self._client = client
@@ -90,7 +91,7 @@ class ScriptedCell:
         self.plans, self.picks, self.requests, self.goals = [], [], [], []
         self.homings, self.events = [], []
         self.hold = self.mute = self.cancelled = self.carries = self.driving = self.held = False
-        self.drops_follower = False
+        self.drops_follower = self.ponders = False
 
     def start(self, **goal: Any) -> Any:
         assert self.task.wait_for_server(timeout_sec=GUARD)
@@ -109,11 +110,16 @@ class ScriptedCell:
             stamp = self._node.get_clock().now().to_msg()
             self._clouds.publish(numpy_to_cloud(POINTS, "base_link", stamp))
 
-    def _predict(
+    async def _predict(
         self, request: PredictGrasps.Request, response: PredictGrasps.Response
     ) -> PredictGrasps.Response:
         self.requests.append(request)
         self.events.append("look")
+        if self.ponders and self.driving:
+            while self.driving:
+                await _tick(self._node, self._group)
+            for _ in range(20):  # until the task has heard of it
+                await _tick(self._node, self._group)
         if not self.plans:
             return PredictGrasps.Response(error_code=ErrorCode.NO_OBJECTS, message="only the table")
         answer = self.plans.pop(0)
@@ -162,7 +168,7 @@ class ScriptedCell:
     async def _carry(self, goal: Any) -> None:
         """Until the task has looked at the table and sent what it found, as an arm that has far to go."""
         self.driving, looks, goals = True, len(self.requests), len(self.goals)
-        further = bool(self.plans)
+        further = bool(self.plans) and not self.ponders
         goal.publish_feedback(ExecuteGrasp.Feedback(stage="carry", out_of_view=True))
         end = time.monotonic() + GUARD
         while (len(self.requests) == looks or (further and len(self.goals) == goals)) and (

@@ -208,7 +208,7 @@ class ClearTableRun:
             return None
         finally:
             eye.close()
-        if look.offered:
+        if look.offered and not call.done():  # else how it ended decides
             look.call = self._send_pick(answer, look.offered, foreseen)
         return look
 
