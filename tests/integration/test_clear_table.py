@@ -161,6 +161,16 @@ def test_the_last_attempt_that_is_allowed_ends_at_home(cell: ScriptedCell) -> No
     assert cell.events == ["home", "look", "pick"] and not cell.goals[0].stay_over_bin
 
 
+def test_the_last_attempt_that_is_allowed_brings_home_what_it_has_left_in_the_hand(
+    cell: ScriptedCell,
+) -> None:
+    cell.plans, cell.picks = [plan(0.2)], [pick(ErrorCode.TRAJECTORY_ABORTED)]
+    cell.homings = [GoHome.Result(), GoHome.Result(object_released=True)]
+    result = cell.run(max_attempts=1).result
+    assert (result.error_code, result.successes) == (ErrorCode.TASK_ATTEMPTS_USED_UP, 1), result.message
+    assert cell.events == ["home", "look", "pick", "home"]
+
+
 def test_a_scene_that_has_changed_is_looked_at_again_from_over_the_bin(cell: ScriptedCell) -> None:
     cell.carries, cell.plans = True, [plan(0.2), plan(0.3), plan(0.4)]
     cell.picks = [pick(), pick(ErrorCode.SCENE_CHANGED, index=-1), pick()]

@@ -69,6 +69,8 @@ class ClearTableRun:
         """That was taken during the pick under way."""
         self._out_of_view = False
         """The arm stands over the bin or at home with an empty hand, out of the camera's way."""
+        self._at_home = False
+        """It was brought there, or the last attempt that is allowed ended there by itself."""
         self._told: ClearTableAction.Feedback | None = None
         """The newest feedback."""
 
@@ -105,7 +107,7 @@ class ClearTableRun:
                 step = self._pick(step, look)
             if step.next is Next.END:
                 expected = step.code in (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
-                halt = self._bring_home() if self._out_of_view and expected else None
+                halt = self._bring_home() if expected and not self._at_home else None
                 return halt or step
 
     def _wait_for_servers(self) -> None:
@@ -120,7 +122,7 @@ class ClearTableRun:
     def _bring_home(self) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
         result = self._result(self._send(self._partners.home, "/go_home", GoHome.Goal(), self._task))
-        self._out_of_view = False
+        self._out_of_view, self._at_home = False, True
         step = self._task.after_homing(result.error_code, result.message, result.object_released)
         self._check_cancelled()
         return step
@@ -174,6 +176,7 @@ class ClearTableRun:
         if executed >= 0:
             self._stage_times = defaultdict(float)
             self._out_of_view = call.out_of_view and code == ErrorCode.SUCCESS
+            self._at_home = code == ErrorCode.SUCCESS and not self._out_of_view
             grasped = self._task.attempts > attempts
             sentence = _describe(self._task.records[-1]) if grasped else message
             self._feedback("recorded", sentence, attempt=attempts + 1)
