@@ -30,7 +30,7 @@ from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.timing import Trajectory
 from dgs_arm_executor.watch import RobotWatch
 from dgs_bringup.clear_table import ClearTable, ClearTableParameters, Next, Step
-from dgs_bringup.summary import summarise
+from dgs_bringup.summary import refused_looks, summarise
 from dgs_bringup.table_look import MAX_GRASPS
 from dgs_bringup.truth import TruthTracker
 from dgs_description.cell import CELL, HOME_ARM
@@ -188,7 +188,8 @@ class Rehearsal:
         self._pick = PickPlanner(settings=self._given, scene_settings=self._given)
         self._task = ClearTable(ClearTableParameters(), seed)
         self._outcomes: dict[int, bool] = {}
-        self._refusals: list[str] = []
+        self._told: list[tuple[str, str]] = []
+        """Stages and messages, as `/clear_table` has them in its feedback."""
 
     def run(self, folder: Path) -> dict[str, Any]:
         """Clear it, leave a picture of the end in the folder; the summary is as `dgs_bringup` makes it."""
@@ -215,7 +216,7 @@ class Rehearsal:
             self._robot.truth.places,
             time.monotonic() - begun,
             simulated_seconds=round(self._world.time - started, 2),
-            refusals=self._refusals,
+            refusals=refused_looks(self._told),
             table_force={stage: round(force, 1) for stage, force in self._robot.table_force.items() if force},
             hand=HAND.name,
             error_code=int(end.code),
@@ -233,7 +234,8 @@ class Rehearsal:
             while step.next is Next.EXECUTE:
                 step = self._execute(candidates, step.indices)
             if step.next is Next.END:
-                return step
+                last = step.code is ErrorCode.TASK_ATTEMPTS_USED_UP
+                return (self._bring_home() if last else None) or step
 
     def _bring_home(self) -> Step | None:
         home = self._execution().go_home()
@@ -243,6 +245,7 @@ class Rehearsal:
         failed = inverse(CELL.T_base_table) @ self._task.failed.poses
         request = PlanRequest(max_grasps=MAX_GRASPS, failed=failed)
         camera = CELL.T_base_camera_optical[:3, 3]
+        self._told.append(("capture", ""))
         planner = self._planner()  # one that cannot be loaded makes no result
         try:
             points = self._robot.see()
@@ -257,10 +260,9 @@ class Rehearsal:
         executed = offered[report.executed_index] if report.executed_index >= 0 else -1
         code, times = int(report.code), report.stage_times
         step = self._task.after_execution(code, report.message, executed, times, report.object_released)
-        if self._task.attempts > attempts:
-            self._outcomes[self._task.attempts] = self._robot.truth.end_attempt()
-        elif executed < 0:
-            self._refusals.append(report.message)
+        if executed >= 0:  # a push has the number of the grasp that follows it
+            self._outcomes[attempts + 1] = self._robot.truth.end_attempt()
+        self._told.append(("recorded" if executed >= 0 else "rejected", report.message))
         return step
 
     def _execution(self) -> Execution:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from dgs_arm_executor.execution import Report
+from dgs_bringup.clear_table import ClearTableParameters
+from dgs_bringup.truth import TruthTracker
 from dgs_description.errors import ErrorCode
+from dgs_learning.evaluation import rehearsal
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.report.page import write_report
 from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.run import run_row
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, save_catalogue
+from tests.support.grasps import top_grasps
 from tests.support.refused import refused
 
 
@@ -43,3 +51,51 @@ def test_a_planner_that_cannot_be_loaded_is_no_result(tmp_path: Path) -> None:
     with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
         run_row(row, tmp_path / "run")
     assert not scene_folder(tmp_path / "run", 0).exists()
+
+
+def test_a_grasp_has_neither_what_a_push_got_nor_the_refusals_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last attempt that is allowed fails, and the arm goes home after it."""
+    truth, homings = TruthTracker(), []
+    grasps = top_grasps(np.tile([0.3, 0.0, -0.1], (33, 1)))
+    push = replace(grasps[:1], active_fingers=np.zeros((1, 5), bool), motion=np.array([[0.1, 0.0, 0.0]]))
+    looks = [push, grasps]
+    reports = [
+        Report(executed_index=0),
+        Report(ErrorCode.NO_FEASIBLE_GRASP, "none of 32"),
+        Report(ErrorCode.NOTHING_HELD, executed_index=0),
+    ]
+
+    class Scripted:
+        def __init__(self, *_: object) -> None: ...
+
+        def go_home(self) -> Report:
+            homings.append(len(reports))
+            return Report()
+
+        def pick(self, *_: object) -> Report:
+            truth.update(1.0, ["ball"], ["bin"])  # the push has it roll there
+            return reports.pop(0)
+
+    def world(_: object) -> SimpleNamespace:
+        picture = SimpleNamespace(
+            shot=lambda: SimpleNamespace(truth=None), colour=lambda _: np.zeros((2, 2, 3), np.uint8)
+        )
+        return SimpleNamespace(time=0.0, close=lambda: None, snapshot=lambda: picture)
+
+    def predict(*_: object) -> SimpleNamespace:
+        return SimpleNamespace(grasps=looks.pop(0))
+
+    robot = SimpleNamespace(truth=truth, table_force={}, see=lambda: np.zeros((1, 3)))
+    fakes = {"World": world, "RehearsalRobot": lambda *_: robot, "Execution": Scripted}
+    fakes |= {
+        "predict_in_cell": predict,
+        "ClearTableParameters": lambda: ClearTableParameters(max_attempts=2),
+    }
+    for name, fake in fakes.items():
+        monkeypatch.setattr(rehearsal, name, fake)
+    summary = rehearsal.Rehearsal([], lambda: None, 0, "imagers").run(tmp_path)  # type: ignore[arg-type,return-value]
+    assert summary["error_code"] == ErrorCode.TASK_ATTEMPTS_USED_UP and not reports
+    assert [record["success"] for record in summary["records"]] == [False]
+    assert summary["refusals"] == [] and homings == [3, 2, 0]
