@@ -93,7 +93,9 @@ def bench_planning(
     scenes: Annotated[int, typer.Option(min=1, help="Random scenes of 4 to 6 novel objects.")] = 300,
     seed: Annotated[int, typer.Option(min=0, help="Of the scenes.")] = 0,
     json_file: Json = None,
-    out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
+    out: Annotated[
+        Path, typer.Option(file_okay=False, help="One record per scene; a stopped run goes on.")
+    ] = RECORDS,
     doc: Doc = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""

@@ -29,7 +29,9 @@ def experiment(
     weights: Annotated[list[str] | None, typer.Option(help="FOLDER/NAME; several times: each.")] = None,
     dataset: Annotated[str | None, typer.Option(help="For proposers that use stored grasps.")] = None,
     only: Only = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the runs; unfinished ones go on.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(file_okay=False, help="Folder of the runs; unfinished ones go on.")
+    ] = None,
     workers: Workers = 0,
     json_file: Json = None,
     doc: Doc = None,
@@ -57,7 +59,9 @@ def exam(
     proposers: Proposers = "",
     without: Without = None,
     only: Only = None,
-    out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = EXAM_RUNS,
+    out: Annotated[
+        Path, typer.Option(file_okay=False, help="Folder of the runs; unfinished ones in it go on.")
+    ] = EXAM_RUNS,
     workers: Workers = 0,
     json_file: Json = None,
     doc: Doc = None,

@@ -29,7 +29,9 @@ def export(
     views: Annotated[int, typer.Option(min=1, help="Viewpoints per scene.")] = 256,
     seed: Annotated[int, typer.Option(min=0, help="Of the depth noise and the drawn points.")] = 0,
     points: Annotated[int, typer.Option(min=100, help="Points of a cloud, at most.")] = 20_000,
-    stage_one: Annotated[Path | None, typer.Option(help="Write the stage-1 grasps here as well.")] = None,
+    stage_one: Annotated[
+        Path | None, typer.Option(file_okay=False, help="Write the stage-1 grasps here as well.")
+    ] = None,
     dataset: Dataset = None,
     workers: Workers = 0,
     backend: Backend = "loky",

@@ -12,7 +12,9 @@ from dgs_learning.cli.options import Doc, Json, Seed, Workers, number_range
 
 
 def trials(
-    out: Annotated[Path, typer.Option(help="Folder; scenes that are in it are not tried again.")],
+    out: Annotated[
+        Path, typer.Option(file_okay=False, help="Folder; scenes that are in it are not tried again.")
+    ],
     objects: Annotated[
         str, typer.Option(help="train, everyday, a folder of objects, or a part of it (PATH@train).")
     ] = "train",

@@ -14,7 +14,7 @@ from dgs_learning import paths
 from dgs_learning.cli.files import existing_dataset
 from dgs_learning.cli.options import Dataset, Seed
 
-Out = Annotated[Path | None, typer.Option(help="Folder of views and checkpoint.")]
+Out = Annotated[Path | None, typer.Option(file_okay=False, help="Folder of views and checkpoint.")]
 Views = Annotated[int, typer.Option(min=100, help="Rendered views.")]
 Steps = Annotated[int, typer.Option(min=1, help="Updates.")]
 Ship = Annotated[bool, typer.Option(help="Put the weights and their card into the models folder.")]

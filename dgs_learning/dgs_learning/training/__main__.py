@@ -14,6 +14,12 @@ from dgs_learning import paths
 from dgs_learning.training.settings import TrainingSettings
 
 
+def _folder(name: str) -> Path:
+    if Path(name).is_file():
+        raise argparse.ArgumentTypeError(f"{name} is a file")
+    return Path(name)
+
+
 def parser(prog: str = "python -m dgs_learning.training") -> argparse.ArgumentParser:
     """Files and preset, and one option per field of `TrainingSettings`."""
     out = argparse.ArgumentParser(
@@ -23,8 +29,8 @@ def parser(prog: str = "python -m dgs_learning.training") -> argparse.ArgumentPa
         allow_abbrev=False,
     )
     out.add_argument("--dataset", type=Path, default=paths.dataset_file(), help="dataset file (.npz)")
-    out.add_argument("--out", type=Path, help="folder of checkpoint and curves; else data/train_PRESET")
-    out.add_argument("--cache", type=Path, help="folder that keeps rendered views")
+    out.add_argument("--out", type=_folder, help="folder of checkpoint and curves; else data/train_PRESET")
+    out.add_argument("--cache", type=_folder, help="folder that keeps rendered views")
     out.add_argument("--init", help="weights to start from: a name in the models directory, or folder/name")
     out.add_argument("--preset", default="fast", help="network configuration: fast, paper, shapes or tiny")
     for field in fields(TrainingSettings):
