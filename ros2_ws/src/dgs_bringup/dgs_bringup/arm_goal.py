@@ -71,13 +71,17 @@ class ArmGoal:
             raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, silent)
         if not self._handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
-        wait_until(lambda: self.done() or asked_to_end(), self._began + timeout - time.monotonic())
+        left = self._began + timeout - time.monotonic()
+        in_time = wait_until(lambda: self.done() or asked_to_end(), left)
         if not self._result.done() and not self._gone():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             self.cancel()
             wait_until(lambda: self._result.done() or self._gone(), answer_timeout)
         if self._result.done() and self._result.result().status != GoalStatus.STATUS_UNKNOWN:
-            return self._result.result().result
+            answer = self._result.result().result
+            if not in_time:
+                answer.message = f"not done after {timeout:g} s: {answer.message}"
+            return answer
         if asked_to_end():
             return None
         if self._gone():
