@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,21 @@ def test_finished_scenes_stay_and_other_settings_are_refused(data: GraspDataset,
     assert [p.name for p in export_scenes(data, [0, 1], tmp_path, settings, Engine(1))] == ["scene_0001"]
     with refused(ErrorCode.REQUEST_INVALID, "other settings.*: views 1 instead of 2"):
         list(export_scenes(data, [0], tmp_path, ExportSettings(views=2, points=500), Engine(1)))
+
+
+def test_a_scene_that_hardly_stands_out_of_the_table_is_exported_too(
+    data: GraspDataset, tmp_path: Path
+) -> None:
+    scene = data.scenes[best(data)]
+    heights = [
+        apply(T, data.objects[k].vertices)[:, 2].max()
+        for k, T in zip(scene.objects, scene.T_table_object, strict=True)
+    ]
+    sunk = scene.T_table_object.copy()
+    sunk[:, 2, 3] -= np.array(heights) - 0.004
+    low = replace(data, scenes=[replace(scene, T_table_object=sunk)])
+    (path,) = export_scenes(low, [0], tmp_path, replace(SETTINGS, views=1), Engine(1))
+    assert len(ExportedScene(path).view(0).points) == SETTINGS.points
 
 
 def test_stage_one_is_sorted_by_class_object_and_scale(data: GraspDataset, tmp_path: Path) -> None:

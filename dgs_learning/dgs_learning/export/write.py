@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.preprocess import prepare_rows
+from dgs_grasp_planner.preprocess import LOWEST, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
@@ -105,7 +105,8 @@ def _write_cloud(
     in_table = apply(T_table_camera, points.astype(np.float64))
     x, y, z = ViewSettings().crop
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
-    rows = inside[prepare_rows(in_table[inside], rng, keep_table=True, max_points=count)]
+    drawn = prepare_rows(in_table[inside], rng, LOWEST, keep_table=True, max_points=count)
+    rows = inside[drawn]
     ids_of_rows = instance[rows].astype(np.int64)
     labels = label(in_table[rows], ids_of_rows, *grasps, rng, paper=True, grasps_per_point=GRASPS_PER_POINT)
     cloud = {
