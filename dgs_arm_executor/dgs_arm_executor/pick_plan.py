@@ -121,7 +121,7 @@ class PickSettings:
         MOTION_SPEED, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5
     )
     lift_speed: float = parameter(0.3, "TCP speed of the lift [m/s].", 0.005, 0.5)
-    planning_time: float = parameter(10.0, "Limit of one planning [s].", 0.1, 120.0)
+    planning_time: float = parameter(10.0, "After so long no further grasp is looked at [s].", 0.1, 120.0)
     path_time: float = 0.6
     """Processor time for one query of the sampling planner [s]: a busy machine makes it slower, not worse."""
     sampled_goals: int = 2

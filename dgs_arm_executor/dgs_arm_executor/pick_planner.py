@@ -83,8 +83,11 @@ class PickPlanner:
                     continue
                 try:
                     if time.perf_counter() > end:
+                        left_out = (
+                            "not looked at" if plan_way == self._directly else "no detour was looked for"
+                        )
                         limit = f"the planning time of {self.settings.planning_time:g} s"
-                        raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
+                        raise DgsError(ErrorCode.NO_PATH, f"{left_out}: {limit} is used up")
                     way = plan_way(candidate, keep_holding)
                 except DgsError as error:
                     refused[candidate.index] = error

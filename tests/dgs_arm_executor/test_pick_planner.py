@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dgs_arm_executor import pick_planner
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
@@ -203,6 +205,16 @@ def test_time_limit_ends_the_search(planner: PickPlanner) -> None:
     hasty = PickPlanner(planner.ik, PickSettings(planning_time=0.0))
     answer = hasty.plan(at_home(), top_grasps(np.tile(PLACE, (3, 1))))
     assert answer.plan is None and {r.code for r in answer.rejections} == {ErrorCode.NO_PATH}
+    assert all("not looked at" in r.reason for r in answer.rejections)
+
+
+def test_a_time_limit_is_not_told_as_if_a_grasp_had_not_been_looked_at(
+    planner: PickPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around = at_home(ObstacleCloud.from_points(cylinder(0.2, 0.0)))
+    monkeypatch.setattr(pick_planner, "time", SimpleNamespace(perf_counter=iter([0.0, 1.0, 11.0]).__next__))
+    (rejection,) = planner.plan(around, top_grasps((0.2, 0.0, -0.14), 0.35, 4.0)).rejections
+    assert "no detour was looked for" in rejection.reason
 
 
 @pytest.mark.parametrize(
