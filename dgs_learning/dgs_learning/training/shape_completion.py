@@ -248,7 +248,7 @@ class Pool:
             for square in squares:
                 self.squares[self.count % POOL] = square.to(self.device)
                 self.count += 1
-        self.seen = max(due, self.seen)
+        self.seen = due
         rng = np.random.default_rng([self.settings.seed, 109, step])
         rows = rng.integers(min(self.count, POOL), size=self.settings.batch)
         batch = self.squares[torch.from_numpy(rows).to(self.device)].float()
