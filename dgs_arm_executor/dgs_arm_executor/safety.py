@@ -21,8 +21,8 @@ _VELOCITY_TOLERANCE = 1.02
 """Share of the maker's velocity limit that is let pass: sampling errs by less than 2 %."""
 _ACCELERATION_TOLERANCE = 1.25
 """The same for the acceleration, taken from differences of velocities."""
-_LONGEST = 60.0
-"""Longest duration of one trajectory [s]."""
+_LONGEST = 300.0
+"""Longest duration of one trajectory [s]: at the least speeds allowed a lift and two turns of a joint take 80."""
 
 
 @dataclass(frozen=True)

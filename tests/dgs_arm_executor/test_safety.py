@@ -39,6 +39,14 @@ def test_a_planned_trajectory_passes(good: Trajectory) -> None:
     check(good, HOME_ARM + 0.01)
 
 
+def test_two_turns_at_the_least_speed_that_is_allowed_pass() -> None:
+    back, forth = HOME_ARM.copy(), HOME_ARM.copy()
+    back[0], forth[0] = -6.2, 6.2
+    slow = time_path(SmoothPath.line(back, forth), 0.05)
+    assert slow.duration > 75.0
+    check(slow, back)
+
+
 def test_start_away_from_the_measured_state(good: Trajectory) -> None:
     unsafe(good, "starts 0.100 rad away from the measured elbow", HOME_ARM + [0, 0, 0.1, 0, 0, 0])
 
@@ -70,7 +78,7 @@ def test_times_and_shapes(good: Trajectory) -> None:
     unsafe(replace(good, times=good.times[::-1].copy()), "times that do not increase")
     unsafe(replace(good, times=good.times + 0.1), "times that do not increase")
     unsafe(replace(good, times=good.times[:-1]), "shapes")
-    unsafe(replace(good, times=good.times * 100), "60 s are allowed")
+    unsafe(replace(good, times=good.times * 1000), "300 s are allowed")
 
 
 def test_beyond_a_joint_limit() -> None:
