@@ -118,4 +118,4 @@ class Stages:
             except DgsError as error:
                 if error.code not in _UNSETTLED or time.monotonic() - begun > _SETTLING:
                     raise
-            time.sleep(0.1)
+            self._robot.watch.wait(0.1)

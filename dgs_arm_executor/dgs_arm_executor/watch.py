@@ -53,6 +53,7 @@ class RobotWatch:
 
     Attributes:
         now: gives the node's time [s].
+        wait: lets time pass [s]; a simulation in the same thread goes on meanwhile.
         speed_scaling: share of the commanded speed at which the robot runs, 0..1.
         force: what the hand presses on.
         stop: the newest stop that was latched, also after its `reset`; None = none yet.
@@ -67,6 +68,7 @@ class RobotWatch:
         silence: float = SILENCE,
         tell: Callable[[bool], None] = lambda _: None,
         max_force: float = MAX_FORCE,
+        wait: Callable[[float], None] = time.sleep,
     ):
         """Nothing is known yet, and nothing stopped.
 
@@ -75,7 +77,7 @@ class RobotWatch:
             tell: told whether a stop is latched, now and at every change.
             max_force: see `ForceGuard` [N].
         """
-        self.now, self._silence, self._tell = now, silence, tell
+        self.now, self.wait, self._silence, self._tell = now, wait, silence, tell
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._arm_history, self._hand_history = JointHistory(), JointHistory()
@@ -184,7 +186,7 @@ class RobotWatch:
         end = time.monotonic() + REST_TIMEOUT
         before, since = self._hand_situation(), self.now()
         while time.monotonic() < end:
-            time.sleep(0.005)
+            self.wait(0.005)
             now = self._hand_situation()
             if abs(self.now() - since) < STANDS or now.hand_joints is before.hand_joints:
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import cast
 
 import numpy as np
@@ -32,7 +33,7 @@ class FakeRobot:
 
     def __init__(self, trouble: DgsError | None, rest: ArmSituation | None) -> None:
         self.trouble, self.rest = trouble, rest
-        self.watch, self.force = self, ForceGuard()
+        self.watch, self.force, self.wait = self, ForceGuard(), time.sleep
         self.load: Load | None = Load(GRASP)
         self.obstructed = False
         self.looks = 0

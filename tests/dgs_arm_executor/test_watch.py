@@ -184,7 +184,7 @@ def test_a_hand_is_at_rest_when_new_measurements_show_no_motion(
         if way and round(clocks.wall / 0.04) % 3 == 0:
             watch.hand_state(np.full(20, way.pop(0)), np.full(20, 0.2))
 
-    monkeypatch.setattr(module.time, "sleep", sleep)
+    monkeypatch.setattr(watch, "wait", sleep)
     rest = watch.hand_at_rest()  # the arm has been silent all the while
     assert rest.hand_joints[0] in (0.205, 0.204) and rest.hand_torques is not None
 
@@ -199,5 +199,5 @@ def test_a_hand_that_does_not_come_to_rest(
         if moving:
             watch.hand_state(np.full(20, clocks.wall))
 
-    monkeypatch.setattr(module.time, "sleep", sleep)
+    monkeypatch.setattr(watch, "wait", sleep)
     assert code(watch.hand_at_rest) == ErrorCode.HAND_UNAVAILABLE

@@ -10,6 +10,7 @@ limited.
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -81,7 +82,7 @@ class RehearsalRobot(Robot):
 
     def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str):
         """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
-        watch = RobotWatch(lambda: world.time, max_force=given.max_force)
+        watch = RobotWatch(lambda: world.time, max_force=given.max_force, wait=self._wait)
         nobody: Any = None  # serves arm and hand: they are moved here
         super().__init__(given, watch, nobody, nobody, None, lambda _: ObstacleCloud.from_points(self.see()))
         self._source, self._world = DepthSource(depth_from), world
@@ -149,6 +150,10 @@ class RehearsalRobot(Robot):
         if outcome.code is not ErrorCode.SUCCESS:
             self._send(HandCommand("hold", outcome.state.positions, 1.0))
             raise DgsError(outcome.code, outcome.message)
+
+    def _wait(self, seconds: float) -> None:
+        for _ in range(math.ceil(seconds / PHYSICS.time_step)):
+            self._step(self._posture, np.zeros(6))
 
     def _send(self, command: HandCommand) -> None:
         self._command = command

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.execution import Report
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_bringup.clear_table import ClearTableParameters
 from dgs_bringup.truth import TruthTracker
 from dgs_description.errors import ErrorCode
@@ -19,6 +20,7 @@ from dgs_learning.evaluation.report.page import write_report
 from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.run import run_row
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, save_catalogue
+from dgs_sim_bridge.world.world import World
 from tests.support.grasps import top_grasps
 from tests.support.refused import refused
 
@@ -51,6 +53,17 @@ def test_a_planner_that_cannot_be_loaded_is_no_result(tmp_path: Path) -> None:
     with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
         run_row(row, tmp_path / "run")
     assert not scene_folder(tmp_path / "run", 0).exists()
+
+
+def test_the_world_goes_on_while_the_hand_comes_to_rest() -> None:
+    """It is asked for where a finger is jammed over the bin."""
+    world = World(())
+    robot = rehearsal.RehearsalRobot(world, ArmExecutorParameters(), 0, "raw")
+    begun = world.time
+    rest = robot.watch.hand_at_rest()
+    assert world.time >= begun + 0.1
+    np.testing.assert_allclose(rest.hand_joints, 0.0, atol=0.05)
+    world.close()
 
 
 def test_a_grasp_has_neither_what_a_push_got_nor_the_refusals_before_it(
