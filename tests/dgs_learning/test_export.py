@@ -175,6 +175,15 @@ def test_stage_one_is_sorted_by_class_object_and_scale(data: GraspDataset, tmp_p
     assert np.allclose(grasps.position, data.grasps.position[data.first[1] :], atol=1e-6)
 
 
+def test_names_of_several_words_are_one_word_in_tables_and_paths(data: GraspDataset, tmp_path: Path) -> None:
+    mug = replace(data.objects[0], name="coffee mug/2@1.00", family="coffee mug")
+    layout.write_objects(tmp_path, [mug], np.eye(4)[None])
+    row = (tmp_path / "obj_info.txt").read_text().splitlines()[1].split()
+    assert len(row) == 13 and (row[1], row[3], row[4]) == ("coffee_mug_2", "coffee_mug", "1.00")
+    export_stage_one(replace(data, objects=[mug, data.objects[1]]), tmp_path)
+    assert (tmp_path / mug.shape_class / "coffee_mug_2" / "1.00.txt").is_file()
+
+
 def test_command_checks_the_range(tmp_path: Path) -> None:
     words = ["export", "--dataset", str(small_dataset_file()), "--out", str(tmp_path), "--workers", "1"]
     dgs([*words, "--scenes", "0", "--views", "1"])

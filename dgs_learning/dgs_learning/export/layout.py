@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +26,11 @@ DEPTH_UNIT = 0.001
 """Of the 16-bit depth images [m]."""
 SEGN_NOTHING, SEGN_TABLE, SEGN_FIRST_OBJECT = 0, 1, 2
 """Values of the segmentation images: nothing, table, object 0; object k has `SEGN_FIRST_OBJECT` + k."""
+
+
+def word(name: str) -> str:
+    """A name as one word of a table, or one folder of a path."""
+    return re.sub(r"[\s/\\]+", "_", name)
 
 
 def view_file(scene: Path, folder: str, view: int) -> Path:
@@ -52,7 +58,8 @@ def write_objects(scene: Path, models: Sequence[ObjectModel], T_table_object: Ar
     for k, (model, T) in enumerate(zip(models, T_table_object, strict=True)):
         name, scale = name_and_scale(model.name)
         pose = " ".join(f"{value:.7f}" for value in np.concatenate(to_quaternion(T)))
-        lines.append(f"{k} {name} {model.shape_class} {model.family} {scale:.2f} {model.mass:.4f} {pose}")
+        kind = f"{word(name)} {model.shape_class} {word(model.family)}"
+        lines.append(f"{k} {kind} {scale:.2f} {model.mass:.4f} {pose}")
     (scene / "obj_info.txt").write_text("\n".join(lines) + "\n")
 
 

@@ -162,7 +162,7 @@ def export_stage_one(data: GraspDataset, folder: Path) -> int:
     for k, model in enumerate(data.objects):
         grasps = data.own(k)
         name, scale = name_and_scale(model.name)
-        path = folder / model.shape_class / name / f"{scale:.2f}.txt"
+        path = folder / model.shape_class / layout.word(name) / f"{scale:.2f}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         zero = np.zeros(len(grasps), dtype=np.int64)
         layout.write_grasps(path, grasps, zero, np.arange(len(grasps)), zero)
