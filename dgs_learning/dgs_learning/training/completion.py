@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -199,12 +199,17 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     torch.manual_seed(settings.seed)
     seen_digest = dataset.seen_digest()
     mark_folder(folder / "views", {"dataset": seen_digest, **VIEWS.described()})
-    numbers = trange(settings.views, desc="views")
-    samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
-    held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
     net = completion_net()
-    batch, judge = partial(crops, seen, settings), partial(measure, samples=held_out)
-    return net, fit(net, lambda _: batch, loss_terms, judge, settings, folder, seen_digest)
+    held_out: list[Sample] = []
+
+    def batches(_: int) -> Callable[[int], tuple[Tensor, Tensor]]:
+        numbers = trange(settings.views, desc="views")
+        samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
+        held_out.extend(samples[-settings.held_out :])
+        return partial(crops, samples[: -settings.held_out], settings)
+
+    judge = partial(measure, samples=held_out)
+    return net, fit(net, batches, loss_terms, judge, settings, folder, seen_digest)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:

@@ -73,7 +73,8 @@ def fit(
 
     Args:
         net: is trained in place.
-        batches: from a step on, gives what gives the batch of a step: features (N, inputs, h, w) and truth.
+        batches: from a step on, gives what gives the batch of a step: features (N, inputs, h, w) and truth. Asked for
+            when folder and weights to begin with are known to fit.
         loss: terms of the loss for what the network makes of the features, and the truth.
         measure: says what the network does on held-out samples.
         folder: of the checkpoint.

@@ -330,12 +330,16 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     """
     torch.manual_seed(settings.seed)
     views = Views(dataset, settings)
-    late = trange(settings.views - settings.held_out, settings.views, desc="held-out views")
-    held_out = [one for number in late if (one := views.sample(number)) is not None]
     net = completion_net()
+    held_out: list[Sample] = []
+
+    def batches(step: int) -> Pool:
+        late = trange(settings.views - settings.held_out, settings.views, desc="held-out views")
+        held_out.extend(one for number in late if (one := views.sample(number)) is not None)
+        return Pool(views, step)
+
     judge = partial(measure, samples=held_out)
-    seen = dataset.seen_digest()
-    return net, fit(net, lambda step: Pool(views, step), loss_terms, judge, settings, folder, seen)
+    return net, fit(net, batches, loss_terms, judge, settings, folder, dataset.seen_digest())
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:

@@ -104,3 +104,6 @@ def test_views_of_another_dataset_are_refused(tmp_path: Path) -> None:
     train(DATA, tmp_path, replace(SMALL, steps=1))
     with refused(ErrorCode.REQUEST_INVALID, "files of another dataset"):
         train(tiny_dataset(4), tmp_path, replace(SMALL, steps=1))
+    with refused(ErrorCode.REQUEST_INVALID, "checkpoint.pt is of another training"):
+        train(DATA, tmp_path, replace(SMALL, seed=1))
+    assert not list((tmp_path / "views").glob("seed1*")), "it is refused before the views are rendered"

@@ -73,6 +73,14 @@ def test_too_few_scenes_are_refused(tmp_path: Path) -> None:
         train(DATA, tmp_path, replace(SMALL, held_out=len(DATA.scenes)))
 
 
+def test_weights_that_are_missing_are_refused_before_a_view_is_rendered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shape_completion, "render_sample", None)
+    with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
+        train(DATA, tmp_path, replace(SMALL, start=str(tmp_path / "none.pt")))
+
+
 def test_the_truth_of_two_boxes() -> None:
     left, right = (
         box_mesh((0.0, 0.0, 0.0), (0.06, 0.06, 0.05)),
