@@ -242,13 +242,14 @@ class CameraNode(ManagedNode[CameraParameters]):
         patience = self.parameters.silence_timeout
         end = time.monotonic() + max(patience, FIRST_IMAGE)
         frame_id = CELL.optical_frame
-        while not self.stopping.is_set() and time.monotonic() < end:
+        while not self.stopping.is_set():
             frame = camera.next_frame(timeout=0.1)
-            if frame is None:
-                continue
-            end = time.monotonic() + patience
-            image = frame.depth, frame.camera, frame_id, frame.depth_unit
-            self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *image))
+            if frame is not None:
+                image = frame.depth, frame.camera, frame_id, frame.depth_unit
+                self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *image))
+                end = time.monotonic() + patience  # what took long here is not the camera's silence
+            elif time.monotonic() > end:
+                return
 
     # bag
 

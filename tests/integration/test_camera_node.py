@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -305,6 +306,25 @@ def test_a_camera_may_take_long_for_its_first_image_and_is_silent_soon_after_it(
     finally:
         node.destroy_node()
     assert frame in asked and len(asked) < 9
+
+
+def test_a_camera_whose_images_take_long_here_is_not_silent(ros_client, monkeypatch):
+    overrides = [Parameter("source", value="realsense"), Parameter("silence_timeout", value=0.1)]
+    node = CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+    frame = DepthFrame(np.zeros((2, 3), np.uint16), 0.001, PinholeCamera.centred(3, 2, 5.0), time.time_ns())
+    frames = iter([frame] * 3)
+    worked: list[int] = []
+
+    def work(stamp_ns: int, crop: Any) -> None:
+        time.sleep(0.15)
+        worked.append(stamp_ns)
+
+    monkeypatch.setattr(node, "_process", work)
+    try:
+        node._stream(SimpleNamespace(next_frame=lambda timeout: next(frames, None)))
+    finally:
+        node.destroy_node()
+    assert len(worked) == 3
 
 
 @pytest.mark.parametrize("damaged", [False, True])
