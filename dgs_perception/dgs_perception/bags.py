@@ -90,7 +90,7 @@ class BagSource:
             DgsError: BAG_MISSING when there is no readable bag, BAG_TOPIC when it has no such topics, or several and
                 none was named, or no messages on them; the sentence lists what the bag holds.
         """
-        self.path = Path(path)
+        self.path = Path(path).expanduser()
         try:
             self._reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             self._reader.open()
@@ -215,15 +215,14 @@ class BagWriter:
         Raises:
             DgsError: BAG_MISSING: the folder exists, cannot be created, or has a name that sqlite3 misreads.
         """
-        self.path = Path(path)
+        self.path = Path(path).expanduser()
         self.count = 0
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[tuple[str, str], Connection] = {}
         self._open = False
         self._committed = time.monotonic()
-        if storage == "sqlite3" and set("#?%") & set(
-            str(path)
-        ):  # rosbags makes a URI of it, and writes elsewhere
+        # rosbags makes a URI of it, and writes elsewhere.
+        if storage == "sqlite3" and set("#?%") & set(str(self.path)):
             raise self._error("has one of # ? % in its path: name another, or take the storage mcap")
         try:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])

@@ -7,6 +7,7 @@ import subprocess
 import threading
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,6 +116,15 @@ def test_a_name_that_sqlite_would_misread_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
     BagWriter(tmp_path / "run #1", "mcap").close()
     assert [path.name for path in (tmp_path / "run #1").iterdir()]
+
+
+def test_a_tilde_is_the_users_folder(tmp_path, monkeypatch):
+    """In a parameter file, and behind := , no shell sees it."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    write_cloud_bag(Path("~/bag"), clouds(1))
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+    BagSource("~/bag").close()
 
 
 def test_an_existing_bag_is_not_overwritten(tmp_path):
