@@ -389,6 +389,11 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
         ({"depth_from": "magic"}, ErrorCode.PARAMETER_INVALID, "no depth source named"),
         ({"depth_from": "stereo", "source": "realsense"}, ErrorCode.PARAMETER_INVALID, "needs source"),
         ({"depth_from": "/nowhere/net.onnx"}, ErrorCode.DEPTH_SOURCE, "no stereo network at /nowhere"),
+        (
+            {"depth_topic": "/my-camera/depth"},
+            ErrorCode.PARAMETER_INVALID,
+            "'depth_topic': .* '/my-camera/depth'$",
+        ),
         ({"source": "webcam"}, ErrorCode.PARAMETER_INVALID, "one of 'realsense', 'depth_topics', 'rosbag'"),
     ],
 )

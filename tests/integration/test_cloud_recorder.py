@@ -16,6 +16,7 @@ from rclpy.time import Time
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from dgs_description.errors import ErrorCode
 from dgs_perception import bags
 from dgs_perception.cloud_recorder_node import CloudRecorderNode
 from dgs_ros.base_node import LATCHED
@@ -24,6 +25,7 @@ from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
 from tests.support.environment import GUARD, wait_until
 from tests.support.processes import suite_node
+from tests.support.refused import refused
 
 pytestmark = pytest.mark.integration
 
@@ -80,6 +82,14 @@ def test_publishers_of_one_topic_that_offer_different_things_are_all_heard(ros_c
         node.stopping.set()
         node.close()
         node.destroy_node()
+
+
+@pytest.mark.parametrize("topic", ["/joint-states", "/joint//states", ""])
+def test_a_topic_that_cannot_be_one_is_refused_and_no_bag_is_begun(ros_client, tmp_path, topic):
+    given = [Parameter("path", value=str(tmp_path / "bag")), Parameter("topics", value=["run", topic])]
+    with refused(ErrorCode.PARAMETER_INVALID, f"'topics': .*must not .*'{topic}'"):
+        CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])

@@ -29,7 +29,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, NameValidationException
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -78,7 +78,8 @@ class DgsNode(Node, Generic[P]):
         """Declare the fields that `dgs_description.parameters.parameter` made; other arguments are of `Node`.
 
         Raises:
-            DgsError: PARAMETER_INVALID: an unknown name, a wrong type or a value out of bounds was given.
+            DgsError: PARAMETER_INVALID: an unknown name, a wrong type, a value out of bounds or a topic that cannot be
+                one was given.
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
@@ -205,11 +206,22 @@ class DgsNode(Node, Generic[P]):
         hints = get_type_hints(kind)
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
+            if name.endswith(("_topic", "topics")):
+                self._check_topics(name, value)
             if value == ():
                 self._declare_empty(name, field, hints[name])
             else:
                 self.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
         return parameters
+
+    def _check_topics(self, name: str, value: str | tuple[str, ...]) -> None:
+        """Refuse names that ROS does not take; a single one may be empty, where there is to be no such topic."""
+        for topic in value if isinstance(value, tuple) else (value,) * bool(value):
+            try:
+                self._validate_topic_or_service_name(topic)
+            except NameValidationException as error:
+                said = " ".join(str(error).split()[:-1])  # without the mark below the letter that is wrong
+                raise DgsError(ErrorCode.PARAMETER_INVALID, f"parameter {name!r}: {said}") from error
 
     def _declare_empty(self, name: str, field: dataclasses.Field, hint: Any) -> None:
         """Declare a list without elements, which rclpy by itself takes for one of bytes."""
