@@ -75,7 +75,7 @@ class Gate:
                 listening = asyncio.start_server(self._serve, self._host, number, limit=_MOST_HEADER)
                 server = self._loop.run_until_complete(listening)
                 return int(server.sockets[0].getsockname()[1])
-            except OSError as error:
+            except (OSError, UnicodeError) as error:  # the second of a name with two dots in a row
                 last = str(error)
         wrong = f"the page cannot listen on {self._host} port {port} or the next {_TRIES - 1}: {last}"
         raise DgsError(ErrorCode.PARAMETER_INVALID, f"{wrong}; set the parameters host and port")
