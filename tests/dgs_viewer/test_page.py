@@ -219,6 +219,12 @@ def test_a_rectangle_beside_the_objects_leaves_the_target_as_it_is() -> None:
         assert "no object" in state.recent(1)[0].text
 
 
+def test_without_a_prediction_the_page_says_so() -> None:
+    with page_of(ViewerState(), Asked()) as page:
+        page.update(ViewerState().now, {})
+        assert "no grasps predicted" in page._panel._grasps.content
+
+
 def test_the_same_place_of_the_timeline_is_another_moment_later() -> None:
     state = ViewerState()
     with page_of(state, Asked()) as page:

@@ -77,6 +77,7 @@ class Panel:
         live.on_click(lambda _: setattr(self.moment, "value", 1.0))
         self._shown: dict[int, str] = {}
         self.show_target(None)
+        self.show_offer(None)
 
     def show_status(self, sample: Sample, live: bool, rates: dict[str, float], troubles: list[Event]) -> None:
         """Stage, sentence, counts, rates, and what is not well."""
@@ -96,7 +97,7 @@ class Panel:
     def show_offer(self, offer: Offer | None) -> None:
         """A row for every predicted hand: score, proposer, and what the arm says."""
         if offer is None or len(offer.grasps) == 0:
-            self._set(self._grasps, f'<div style="{_STYLE}">no grasps predicted yet</div>')
+            self._set(self._grasps, f'<div style="{_STYLE}">no grasps predicted</div>')
             return
         rows = []
         for k in range(min(len(offer.grasps), _ROWS)):
