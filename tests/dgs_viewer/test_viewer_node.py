@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +14,13 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from dgs_interfaces.action import ClearTable
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 
 from dgs_description.camera import PinholeCamera
 from dgs_ros.base_node import LATCHED
+from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
+from dgs_viewer.page import Page
 from dgs_viewer.viewer_node import ViewerNode
 from tests.support.environment import wait_until
 from tests.support.ros_client import RosClient
@@ -51,6 +56,30 @@ def test_a_picture_that_the_camera_info_is_not_of_colours_nothing(viewer: Viewer
         viewer._guarded("picture", viewer._read_picture)(picture)
         assert (viewer._picture is not None) == used
     assert any("8 x 6 pixels, the camera info 16 x 6" in event.text for event in viewer._state.recent(10))
+
+
+def test_who_looks_again_sees_no_colours_of_what_was_there_before(viewer: ViewerNode) -> None:
+    viewer._watch(True)
+    viewer._read_picture(numpy_to_image(np.zeros((6, 8, 3), np.uint8), "eye"))
+    viewer._watch(False)
+    assert viewer._picture is None
+
+
+def test_clouds_go_on_when_the_clock_is_set_back(viewer: ViewerNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[float] = []
+    monkeypatch.setattr(viewer, "_read_cloud", lambda _: read.append(time.monotonic()))
+    monkeypatch.setattr(Page, "seen", True)
+    set_back = time.time() - 3600.0
+    monkeypatch.setattr(
+        "dgs_viewer.viewer_node.time", SimpleNamespace(time=lambda: set_back, monotonic=time.monotonic)
+    )
+    cloud = serialize_message(numpy_to_cloud(np.zeros((1, 3)), "eye"))
+
+    def comes() -> bool:
+        viewer._newest["cloud"] = cloud
+        return len(read) > 1
+
+    wait_until(comes)
 
 
 def test_the_page_is_idle_when_a_run_has_ended_that_it_did_not_start(

@@ -154,6 +154,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         for name in self._polled.keys() - {"arm", "hand"}:
             self.destroy_subscription(self._polled.pop(name))
             self._newest.pop(name, None)
+        self._picture = None  # of what will have changed when somebody looks again
         self._state.put(cloud=None)
 
     def _poll(self, kind: Any, topic: str, name: str, qos: QoSProfile) -> None:
@@ -220,18 +221,18 @@ class ViewerNode(DgsNode[ViewerParameters]):
     # the page
 
     def _update(self) -> None:
-        now, seen = time.time(), self._page.seen
+        now, steady, seen = time.time(), time.monotonic(), self._page.seen
         if seen != ("cloud" in self._polled):
             self._watch(seen)
         self._take_all()
         self._read("arm", self._read_arm)
         self._read("hand", self._read_hand)
-        if now - self._cloud_read > CLOUD_PERIOD:
-            self._cloud_read = now
+        if steady - self._cloud_read > CLOUD_PERIOD:
+            self._cloud_read = steady
             self._read("camera", self._read_camera)
             self._read("picture", self._read_picture)
             self._read("cloud", self._read_cloud)
-        self._rates.update(now)
+        self._rates.update(steady)
         sample = self._state.tick(now)
         if seen:
             self._page.update(sample, self._rates.rates)
