@@ -153,7 +153,12 @@ class DepthCompletion:
         seen = network_input(depth, infrared, camera)
         with torch.inference_mode():
             out = self.net(torch.from_numpy(seen.features)[None])[0].numpy()
-        logit, r, spread = (cv2.resize(plane, depth.shape[::-1]) for plane in out)
+        rows, columns = (2 * n for n in out.shape[1:])  # of which the network saw every second
+        rest = (0, size[0] - rows, 0, size[1] - columns)
+        logit, r, spread = (
+            cv2.copyMakeBorder(cv2.resize(plane, (columns, rows)), *rest, cv2.BORDER_REPLICATE)
+            for plane in out
+        )
         x, y = (axis.astype(np.float32) for axis in camera.rays)
         found = depth_of_plane(seen.plane, x, y) / (1.0 + np.clip(r / SCALE, -LIMIT, LIMIT))
         found[np.exp(spread) > UNSURE * SCALE] = 0.0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.cell import HOME_ARM
@@ -76,6 +77,24 @@ def test_an_image_without_depth_has_a_plane_at_1_m_and_a_single_row_one_at_its_d
     row = np.zeros((238, 422), np.float32)
     row[0] = 0.8
     np.testing.assert_allclose(table_plane(row, *half_rays(camera)), [0, 0, 1 / 0.8], rtol=1e-6)
+
+
+def test_what_the_network_finds_lies_where_it_is_in_an_image_that_cannot_be_halved_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    complete, camera = DepthCompletion(), PinholeCamera.centred(479, 270, 250.0)
+    infrared = np.zeros((270, 479), np.uint8)
+    infrared[240:, 400:] = 255
+
+    def bright_is_glass(features: torch.Tensor) -> torch.Tensor:
+        bright = features[:, 2]
+        return torch.stack([40.0 * bright - 20.0, torch.zeros_like(bright), torch.full_like(bright, -9.0)], 1)
+
+    monkeypatch.setattr(complete, "net", bright_is_glass)
+    clear = complete(np.ones((270, 479), np.float32), infrared, camera)[1] > CLEAR
+    rows, columns = np.nonzero(clear)
+    np.testing.assert_allclose([rows.min(), columns.min()], [240, 400], atol=1)
+    np.testing.assert_array_equal([rows.max(), columns.max()], [269, 478])
 
 
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
