@@ -51,11 +51,13 @@ def viewer(ros_client: RosClient) -> Iterator[ViewerNode]:
 
 def test_a_picture_that_the_camera_info_is_not_of_colours_nothing(viewer: ViewerNode) -> None:
     picture = numpy_to_image(np.zeros((6, 8, 3), np.uint8), "eye")
-    for width, used in ((8, True), (16, False), (8, True)):
-        viewer._read_camera(pinhole_to_camera_info(PinholeCamera.centred(width, 6, 5.0), "eye"))
+    for width, frame, used in ((8, "eye", True), (16, "eye", False), (8, "eye", True), (8, "depth", False)):
+        viewer._read_camera(pinhole_to_camera_info(PinholeCamera.centred(width, 6, 5.0), frame))
         viewer._guarded("picture", viewer._read_picture)(picture)
         assert (viewer._picture is not None) == used
-    assert any("8 x 6 pixels, the camera info 16 x 6" in event.text for event in viewer._state.recent(10))
+    of_depth, wider = viewer._state.recent(2)
+    assert "8 x 6 pixels in 'eye', the camera info 16 x 6" in wider.text
+    assert "8 x 6 pixels in 'eye', the camera info 8 x 6 pixels in 'depth'" in of_depth.text
 
 
 def test_who_looks_again_sees_no_colours_of_what_was_there_before(viewer: ViewerNode) -> None:

@@ -102,6 +102,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._newest: dict[str, bytes] = {}
         self._cloud_read = 0.0
         self._camera: PinholeCamera | None = None
+        self._camera_frame = ""
         self._picture: tuple[NDArray[np.uint8], str] | None = None
         group = ReentrantCallbackGroup()
         self._task = SafeActionClient(self, ClearTable, "/clear_table", callback_group=group)
@@ -251,15 +252,18 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._state.put(hand=positions_of(message, HAND.joints))
 
     def _read_camera(self, message: CameraInfo) -> None:
-        self._camera = camera_info_to_pinhole(message)
+        self._camera, self._camera_frame = camera_info_to_pinhole(message), message.header.frame_id
 
     def _read_picture(self, message: Image) -> None:
-        pixels, camera = colour_to_numpy(message), self._camera
-        self._picture = pixels, message.header.frame_id
-        if camera is not None and pixels.shape[:2] != (camera.height, camera.width):
+        pixels, frame, camera = colour_to_numpy(message), message.header.frame_id, self._camera
+        self._picture = pixels, frame
+        if camera is None:
+            return
+        told = camera.height, camera.width, self._camera_frame
+        if (*pixels.shape[:2], frame) != told:
             self._picture = None  # points would get colours of other places
-            picture, told = f"{pixels.shape[1]} x {pixels.shape[0]}", f"{camera.width} x {camera.height}"
-            wrong = f"the picture has {picture} pixels, the camera info {told}: set colour_info_topic"
+            picture, info = (f"{w} x {h} pixels in {of!r}" for h, w, of in ((*pixels.shape[:2], frame), told))
+            wrong = f"the picture has {picture}, the camera info {info}: set colour_info_topic"
             raise DgsError(ErrorCode.CAMERA_INFO_INVALID, wrong)
 
     def _read_cloud(self, message: PointCloud2) -> None:
