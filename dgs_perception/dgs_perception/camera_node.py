@@ -186,9 +186,11 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._infos[name] = info
 
     def _info(self, name: str) -> Any:
-        """The newest camera info of the `depth` images, or of the `right` ones."""
+        """The newest camera info of the `depth` images, which is the left imager's, or of the `right` one."""
         if name not in self._infos:
-            nothing = f"No camera info has come yet for the {name} images; they are skipped until it does."
+            p = self.parameters
+            topic = p.right_info_topic if name == "right" else p.camera_info_topic
+            nothing = f"No camera info has come yet on {topic}; images are skipped until it does."
             raise DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         return self._infos[name]
 

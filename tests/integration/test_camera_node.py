@@ -148,7 +148,8 @@ def test_depth_topics_good_bad_and_silent(ros_domain_id, ros_client, tmp_path):
                 sender.join()
 
         diagnostics.wait_for(401, f"No input from {PARAMETERS.depth_topic} for")
-        expect(404, "No camera info has come yet", table, info=None)
+        missing = f"No camera info has come yet on {PARAMETERS.camera_info_topic}"
+        expect(404, missing, table, info=None)
         expect(
             404,
             "cannot have an image of 0 x 480 pixels",
