@@ -91,6 +91,8 @@ def test_without_the_token_nobody_comes_in(guarded: Gate):
         assert status == 401
         assert "token" in text
     assert get(guarded, Cookie=f"dgs_viewer_{guarded.port}=wrong")[0] == 401
+    status, text, _ = get(guarded, Host="evil.example")
+    assert status == 403 and f"127.0.0.1:{guarded.port}/ " in text and "sesame" not in text
 
 
 def test_who_brings_the_token_once_comes_in_for_good(guarded: Gate):

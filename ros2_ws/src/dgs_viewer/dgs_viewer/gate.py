@@ -114,7 +114,8 @@ class Gate:
         }
         host, origin = fields.get("host", ""), fields.get("origin")
         if self._local and not is_loopback(urlsplit(f"//{host}").hostname or ""):
-            return _response("403 Forbidden", f"open {self.address} on the machine that runs the suite")
+            page = self.address.partition("?")[0]  # who may not come in is not told the token
+            return _response("403 Forbidden", f"open {page} on the machine that runs the suite")
         if origin is not None and urlsplit(origin).netloc != host:
             return _response("403 Forbidden", "another web page may not steer this one")
         if not self.token:
