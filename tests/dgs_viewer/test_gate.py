@@ -29,23 +29,23 @@ class Inner(BaseHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def inner() -> Iterator[int]:
+def inner() -> Iterator[tuple[str, int]]:
     server = HTTPServer(("127.0.0.1", 0), Inner)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
-    yield server.server_port
+    yield "127.0.0.1", server.server_port
     server.shutdown()
     server.server_close()
 
 
 @pytest.fixture
-def local(inner: int) -> Iterator[Gate]:
+def local(inner: tuple[str, int]) -> Iterator[Gate]:
     with closing(Gate("127.0.0.1", 0, inner)) as gate:
         yield gate
 
 
 @pytest.fixture
-def guarded(inner: int) -> Iterator[Gate]:
+def guarded(inner: tuple[str, int]) -> Iterator[Gate]:
     with closing(Gate("127.0.0.1", 0, inner, token="open sesame")) as gate:
         yield gate
 
@@ -106,21 +106,21 @@ def test_who_brings_the_token_once_comes_in_for_good(guarded: Gate):
 
 
 @pytest.mark.parametrize(("host", "name"), [("::1", "[::1]"), ("::", socket.gethostname())])
-def test_the_address_of_ipv6_can_be_opened(inner: int, host: str, name: str):
+def test_the_address_of_ipv6_can_be_opened(inner: tuple[str, int], host: str, name: str):
     if not socket.has_dualstack_ipv6():
         pytest.skip("this machine has no IPv6")
     with closing(Gate(host, 0, inner)) as gate:
         assert gate.address.startswith(f"http://{name}:{gate.port}/")
 
 
-def test_off_loopback_there_is_always_a_token(inner: int):
+def test_off_loopback_there_is_always_a_token(inner: tuple[str, int]):
     with closing(Gate("0.0.0.0", 0, inner)) as gate:
         assert len(gate.token) >= 12
         assert get(gate)[0] == 401
         assert gate.address == f"http://{socket.gethostname()}:{gate.port}/?token={gate.token}"
 
 
-def test_a_port_in_use_is_passed_over(inner: int):
+def test_a_port_in_use_is_passed_over(inner: tuple[str, int]):
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
         with closing(Gate("127.0.0.1", port, inner)) as gate:
@@ -128,7 +128,7 @@ def test_a_port_in_use_is_passed_over(inner: int):
 
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "192.0..1"])
-def test_an_address_of_another_machine_or_of_none_is_refused(inner: int, host: str):
+def test_an_address_of_another_machine_or_of_none_is_refused(inner: tuple[str, int], host: str):
     with refused(ErrorCode.PARAMETER_INVALID, "host and port"):
         Gate(host, 8080, inner)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -102,7 +103,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visit]:
     with page_of(state, asked) as page, browser(tmp_path_factory.mktemp("profile")) as tab:
         state.put(cloud=block_cloud())
         page.update(state.tick(time.time()), {})
-        visit(tab, f"http://127.0.0.1:{page.port}/")
+        visit(tab, "http://{}:{}/".format(*page.address))
         yield Visit(page, state, asked, tab)
     assert tab.errors == []
 
@@ -219,6 +220,15 @@ def test_a_rectangle_beside_the_objects_leaves_the_target_as_it_is() -> None:
         assert "no object" in state.recent(1)[0].text
 
 
+def test_the_way_past_the_gate_is_not_where_other_pages_look() -> None:
+    with page_of(ViewerState(), Asked()) as page:
+        socket.create_connection(page.address, timeout=20).close()
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", page.address[1]), timeout=20)
+        with page_of(ViewerState(), Asked()) as other:
+            assert other.address[0] != page.address[0]
+
+
 def test_without_a_prediction_the_page_says_so() -> None:
     with page_of(ViewerState(), Asked()) as page:
         page.update(ViewerState().now, {})
@@ -248,6 +258,6 @@ def test_codes_and_sentences_are_shown(session: Visit):
 
 
 def test_it_fits_on_a_phone(session: Visit):
-    visit(session.tab, f"http://127.0.0.1:{session.page.port}/", PHONE)
+    visit(session.tab, "http://{}:{}/".format(*session.page.address), PHONE)
     assert session.tab.run("document.documentElement.scrollWidth") <= PHONE[0]
     assert session.asks("Stop") == ("stop",)

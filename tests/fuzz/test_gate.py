@@ -18,7 +18,11 @@ FIELDS = st.dictionaries(st.sampled_from(["Host", "Origin", "Cookie", "Upgrade",
 
 @pytest.fixture(scope="module")
 def gates():
-    with closing(Gate("127.0.0.1", 0, 1)) as local, closing(Gate("127.0.0.1", 0, 1, "token")) as guarded:
+    inner = "127.0.0.1", 1
+    with (
+        closing(Gate("127.0.0.1", 0, inner)) as local,
+        closing(Gate("127.0.0.1", 0, inner, "token")) as guarded,
+    ):
         yield local, guarded
 
 

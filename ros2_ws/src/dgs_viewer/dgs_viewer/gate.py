@@ -34,22 +34,25 @@ def is_loopback(host: str) -> bool:
 
 
 class Gate:
-    """Listens on an address and passes what may come in on to a local port.
+    """Listens on an address and passes what may come in on to a server of this machine.
 
     Attributes:
         token: what a visitor must bring once as `?token=`; "" = nothing, on loopback.
         port: where it listens.
     """
 
-    def __init__(self, host: str, port: int, inner_port: int, token: str = "") -> None:
-        """Begin to listen on `port`, or on one of the next free ones; 0 = any. Off loopback a token is made if none is
-        given.
+    def __init__(self, host: str, port: int, inner: tuple[str, int], token: str = "") -> None:
+        """Begin to listen on `port`, or on one of the next free ones; 0 = any.
+
+        Args:
+            inner: host and port of the server behind.
+            token: off loopback one is made if none is given.
 
         Raises:
             DgsError: PARAMETER_INVALID: all are in use, or the address is not one of this machine.
         """
         self.token = token or ("" if is_loopback(host) else secrets.token_urlsafe(12))
-        self._host, self._inner, self._local = host, inner_port, is_loopback(host)
+        self._host, self._inner, self._local = host, inner, is_loopback(host)
         self._pass = sha256(self.token.encode()).hexdigest()  # a token may hold what a cookie must not
         self._loop = asyncio.new_event_loop()
         self.port = self._bind(port)
@@ -89,7 +92,7 @@ class Gate:
                 writer.write(refusal.encode("latin-1"))
                 await writer.drain()
                 return
-            inner_reader, inner = await asyncio.open_connection("127.0.0.1", self._inner)
+            inner_reader, inner = await asyncio.open_connection(*self._inner)
             inner.write(head)
             await asyncio.gather(_pump(reader, inner), _pump(inner_reader, writer))
         except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):

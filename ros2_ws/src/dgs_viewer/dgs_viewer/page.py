@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from contextlib import redirect_stdout
 from io import StringIO
 
@@ -29,16 +30,16 @@ class Page:
     """Serves the page on this machine alone; `gate` opens it to others."""
 
     def __init__(self, state: ViewerState, commands: Commands, simulated: bool) -> None:
-        """Begin to serve on a free port of the loopback interface.
+        """Begin to serve on this machine alone, at an address that nobody guesses: viser lets in whoever finds it.
 
         Args:
             simulated: whether there is a simulation whose scene can be changed.
         """
         self._state, self._commands = state, commands
+        # One of 16 million loopback addresses: a web page can try all ports of 127.0.0.1.
+        host = ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])
         with redirect_stdout(StringIO()):  # viser prints an address that is not the gate's
-            self._server = viser.ViserServer(
-                host="127.0.0.1", port=0, label="Dexterous grasping", verbose=False
-            )
+            self._server = viser.ViserServer(host=host, port=0, label="Dexterous grasping", verbose=False)
         self._server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=(60, 130, 220)
         )
@@ -58,9 +59,9 @@ class Page:
         self._frozen: tuple[float, float] | None = None
 
     @property
-    def port(self) -> int:
-        """Where it is served, on 127.0.0.1."""
-        return self._server.get_port()
+    def address(self) -> tuple[str, int]:
+        """Host and port where it is served."""
+        return self._server.get_host(), self._server.get_port()
 
     @property
     def seen(self) -> bool:

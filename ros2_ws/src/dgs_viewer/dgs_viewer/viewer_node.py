@@ -112,7 +112,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._sim = self.create_client(SimReset, "/sim/reset", callback_group=group)
         self._page = Page(self._state, self, given.simulated)
         try:
-            self._gate = Gate(given.host, given.port, self._page.port, given.token)
+            self._gate = Gate(given.host, given.port, self._page.address, given.token)
         except DgsError:
             self._page.close()
             raise
