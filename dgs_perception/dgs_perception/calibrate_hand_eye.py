@@ -113,7 +113,9 @@ def summary(result: HandEye) -> dict[str, Any]:
 def main(
     samples: Annotated[Path, typer.Argument(help="file of recorded samples")],
     out: Annotated[Path, typer.Option(help="the cell's file, for DGS_CELL; its other entries stay")],
-    json_file: Annotated[Path | None, typer.Option("--json", help="also write the figures here")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", dir_okay=False, help="also write the figures here")
+    ] = None,
     max_residual: Annotated[float, typer.Option(help="rms of the samples [m]")] = MAX_RESIDUAL,
     max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = MAX_SPREAD,
 ) -> None:

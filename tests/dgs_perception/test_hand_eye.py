@@ -132,6 +132,9 @@ def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> N
     assert str(int(ErrorCode.CALIBRATION_DATA)) in ended.stderr
     no_cell = CliRunner().invoke(app, [str(tmp_path / "samples.yaml"), "--out", ""])
     assert no_cell.exit_code == 2 and "is DGS_CELL set?" in no_cell.stderr
+    good = written(tmp_path / "good.yaml", *samples())
+    no_file = CliRunner().invoke(app, [str(good), "--out", str(out), "--json", str(tmp_path)])
+    assert no_file.exit_code == 2 and "is a directory" in no_file.stderr and not out.exists()
 
 
 def test_samples_with_images_of_the_board(tmp_path: Path) -> None:
