@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
@@ -58,6 +59,26 @@ def test_a_picture_that_the_camera_info_is_not_of_colours_nothing(viewer: Viewer
     of_depth, wider = viewer._state.recent(2)
     assert "8 x 6 pixels in 'eye', the camera info 16 x 6" in wider.text
     assert "8 x 6 pixels in 'eye', the camera info 8 x 6 pixels in 'depth'" in of_depth.text
+
+
+def test_what_stays_wrong_is_logged_once_whatever_else_is_said(viewer: ViewerNode) -> None:
+    def take(topic: str, wrong: str) -> None:
+        def read(_: object) -> None:
+            if wrong:
+                raise DgsError(ErrorCode.CLOUD_FORMAT, wrong)
+
+        viewer._guarded(topic, read)(None)
+
+    def logged() -> list[str]:
+        return [event.text for event in viewer._state.recent(20) if event.text[0] in "ab"][::-1]
+
+    for _ in range(3):
+        take("a", "no fields")
+        take("b", "too long")
+    assert logged() == ["a: no fields", "b: too long"]
+    take("a", "")
+    take("a", "no fields")
+    assert logged() == ["a: no fields", "b: too long", "a: no fields"]
 
 
 def test_who_looks_again_sees_no_colours_of_what_was_there_before(viewer: ViewerNode) -> None:

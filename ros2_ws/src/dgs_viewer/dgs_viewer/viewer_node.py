@@ -100,6 +100,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._state, self._rates, self._frames = ViewerState(), RateMeter(), StaticFrames(self)
         self._polled: dict[str, Subscription] = {}
         self._newest: dict[str, bytes] = {}
+        self._wrong: dict[str, str] = {}
         self._cloud_read = 0.0
         self._camera: PinholeCamera | None = None
         self._camera_frame = ""
@@ -175,13 +176,16 @@ class ViewerNode(DgsNode[ViewerParameters]):
                         self._rates.count(name)
 
     def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        """A message that makes no sense is logged on the page."""
+        """A message that makes no sense is logged on the page; the next one of the topic only if it says otherwise."""
 
         def take(message: Any) -> None:
             try:
                 callback(message)
+                self._wrong.pop(topic, None)
             except DgsError as error:
-                self._log(f"{topic}: {error.message}", Level.WARN, error.code)
+                if self._wrong.get(topic) != error.message:
+                    self._log(f"{topic}: {error.message}", Level.WARN, error.code)
+                self._wrong[topic] = error.message
 
         return take
 
