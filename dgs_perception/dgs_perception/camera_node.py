@@ -180,7 +180,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         for name, topic in topics.items():
             on_image = partial(self._on_image, name)
             self.create_subscription(Image, topic, on_image, NEWEST_ONLY, callback_group=other)
-        return " with ".join(topics.values())
+        return " with ".join(topics.values()) + " of the same stamp" * (len(topics) > 1)
 
     def _on_info(self, name: str, info: Any) -> None:
         self._infos[name] = info

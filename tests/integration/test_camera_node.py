@@ -208,7 +208,8 @@ def test_clouds_from_infrared_pairs(ros_domain_id, ros_client, tmp_path):
     ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
     with camera_node(ros_domain_id, tmp_path, depth_from="stereo", silence_timeout=0.6) as camera:
         camera.wait_ready(source.heard)
-        diagnostics.wait_for(401, f"No input from {PARAMETERS.left_topic} with {PARAMETERS.right_topic}")
+        pair = f"{PARAMETERS.left_topic} with {PARAMETERS.right_topic} of the same stamp"
+        diagnostics.wait_for(401, f"No input from {pair} for")
         sending = threading.Event()
         sender = threading.Thread(target=lambda: repeat(sending, lambda: source.send(baseline=1e-5)))
         sender.start()
