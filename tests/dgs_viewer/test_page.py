@@ -235,6 +235,14 @@ def test_without_a_prediction_the_page_says_so() -> None:
         assert "no grasps predicted" in page._panel._grasps.content
 
 
+def test_the_chosen_hand_is_listed_however_many_come_before_it() -> None:
+    with page_of(ViewerState(), Asked()) as page:
+        page._panel.show_offer(Offer(top_grasps(np.repeat(BLOCK[None], 40, axis=0)), 30))
+        listed = page._panel._grasps.content
+    assert "<td>31</td>" in listed and "<b>chosen</b>" in listed
+    assert listed.count("<td>") == 4 * 25 and "and 15 more" in listed
+
+
 def test_the_same_place_of_the_timeline_is_another_moment_later() -> None:
     state = ViewerState()
     with page_of(state, Asked()) as page:

@@ -95,12 +95,12 @@ class Panel:
         )
 
     def show_offer(self, offer: Offer | None) -> None:
-        """A row for every predicted hand: score, proposer, and what the arm says."""
+        """A row for each of the first predicted hands and the chosen one: score, proposer, and what the arm says."""
         if offer is None or len(offer.grasps) == 0:
             self._set(self._grasps, f'<div style="{_STYLE}">no grasps predicted</div>')
             return
         rows = []
-        for k in range(min(len(offer.grasps), _ROWS)):
+        for k in [k for k in range(len(offer.grasps)) if k < _ROWS or k == offer.chosen]:
             code, reason = offer.refusals.get(k, (0, ""))
             verdict = "<b>chosen</b>" if k == offer.chosen else escape(f"{code}: {reason}") if code else ""
             score = float(offer.grasps.score[k])
