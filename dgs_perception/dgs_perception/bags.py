@@ -12,6 +12,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
 
+from backports import zstd
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Connection,
@@ -37,6 +38,8 @@ SINGLE_MESSAGE_PERIOD = 0.1
 """Pause between two loops of a bag with only one message [s]."""
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 COMPRESSION = {"sqlite3": CompressionMode.MESSAGE, "mcap": CompressionMode.STORAGE}
+_PACKED = b"\x28\xb5\x2f\xfd"
+"""Begins what Zstandard has packed; CDR begins otherwise."""
 BAG_VERSION: Literal[9] = 9
 """Version of metadata.yaml that Jazzy writes."""
 FOREVER = QosTime(2147483647, 4294967295)
@@ -154,7 +157,9 @@ class BagSource:
             sound = False
             for connection, time_ns, data in stored:
                 try:
-                    content = self._reader.deserialize(data, connection.msgtype)
+                    # Only metadata.yaml says so, which a killed recorder has not written.
+                    plain = zstd.decompress(data) if data[:4] == _PACKED else data
+                    content = self._reader.deserialize(plain, connection.msgtype)
                 except Exception as error:  # whatever bytes that are none of the type lead to
                     logger.warning("%s: a damaged message on %s: %r", self.path, connection.topic, error)
                     continue
