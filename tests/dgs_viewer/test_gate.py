@@ -98,7 +98,7 @@ def test_without_the_token_nobody_comes_in(guarded: Gate):
 def test_who_brings_the_token_once_comes_in_for_good(guarded: Gate):
     status, _, fields = get(guarded, "/?token=open%20sesame")
     assert (status, fields["Location"]) == (303, "/")
-    assert "HttpOnly" in fields["Set-Cookie"]
+    assert "HttpOnly" in fields["Set-Cookie"] and "SameSite=Lax" in fields["Set-Cookie"]
     cookie = fields["Set-Cookie"].split(";")[0]
     assert get(guarded, Cookie=cookie)[:2] == (200, "inside /")
     others = 'layout={"left": [1, 2]}; a[b]=1; flag'  # of other pages of this machine: cookies know no ports

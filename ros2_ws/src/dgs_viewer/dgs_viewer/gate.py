@@ -129,7 +129,8 @@ class Gate:
         if _same(cookies.get(f"{_COOKIE}_{self.port}", ""), self._pass):
             return ""
         if _same(parse_qs(target.query).get("token", [""])[0], self.token):
-            keep = f"Set-Cookie: {_COOKIE}_{self.port}={self._pass}; HttpOnly; SameSite=Strict; Path=/\r\n"
+            # Lax: where the address is clicked on another web page, Strict is left out of what the redirection asks.
+            keep = f"Set-Cookie: {_COOKIE}_{self.port}={self._pass}; HttpOnly; SameSite=Lax; Path=/\r\n"
             return _response("303 See Other", "", f"Location: {target.path or '/'}\r\n{keep}")
         return _response("401 Unauthorized", "add ?token=... to the address, as the suite has printed it")
 
