@@ -15,6 +15,7 @@ from dgs_interfaces.action import ClearTable
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from std_srvs.srv import Trigger
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
@@ -59,6 +60,24 @@ def test_a_picture_that_the_camera_info_is_not_of_colours_nothing(viewer: Viewer
     of_depth, wider = viewer._state.recent(2)
     assert "8 x 6 pixels in 'eye', the camera info 16 x 6" in wider.text
     assert "8 x 6 pixels in 'eye', the camera info 8 x 6 pixels in 'depth'" in of_depth.text
+
+
+def test_a_button_that_does_nothing_says_so_in_the_head_of_the_panel(
+    ros_client: RosClient, viewer: ViewerNode
+) -> None:
+    viewer.stop()
+    assert viewer._state.now.sentence == "stop: nobody serves /stop"
+    viewer.clear(1, None)
+    assert viewer._state.now.sentence.startswith("nobody serves /clear_table")
+
+    def refuse(_: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        answer.message = "the robot is in a protective stop"
+        return answer
+
+    ros_client.node.create_service(Trigger, "/reset", refuse)
+    wait_until(viewer._reset.service_is_ready)
+    viewer.reset()
+    wait_until(lambda: viewer._state.now.sentence == "reset: the robot is in a protective stop")
 
 
 def test_what_stays_wrong_is_logged_once_whatever_else_is_said(viewer: ViewerNode) -> None:

@@ -314,7 +314,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
             if ended.result().status == GoalStatus.STATUS_UNKNOWN:
                 lost = "/clear_table does not know the run: it was started anew meanwhile"
                 self._log(lost, Level.ERROR)
-                self._state.put(stage="idle", sentence=lost)
+                self._state.put(stage="idle")
                 return
             result = ended.result().result
             level = Level.OK if result.error_code in _AS_WISHED else Level.WARN
@@ -337,12 +337,14 @@ class ViewerNode(DgsNode[ViewerParameters]):
             answer = future.result()
             code = getattr(answer, "error_code", 0)
             well = code == 0 and getattr(answer, "success", True)
-            self._log(f"{what}: {answer.message}", Level.OK if well else Level.WARN, code)
+            self._log(f"{what}: {answer.message}", Level.OK if well else Level.ERROR, code)
 
         client.call_async(request).add_done_callback(told)
 
     def _log(self, text: str, level: Level = Level.OK, code: int = 0) -> None:
         self._state.log(time.time(), text, int(level), int(code))
+        if level == Level.ERROR:  # a button did nothing: whoever pressed it may not have the log open
+            self._state.put(sentence=text)
 
 
 def _region(box: Box) -> TargetRegion:
