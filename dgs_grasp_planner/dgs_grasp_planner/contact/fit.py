@@ -18,7 +18,6 @@ from dgs_description.hand_ik import reach_with_balls
 from dgs_grasp_planner.contact.closing import (
     ClosingPath,
     Mask,
-    Touch,
     at_table,
     closed,
     closing_path,
@@ -26,7 +25,7 @@ from dgs_grasp_planner.contact.closing import (
     touch,
 )
 from dgs_grasp_planner.contact.height_field import HeightField
-from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
+from dgs_grasp_planner.contact.quality import NO_HOLD, Contacts, contacts
 
 REACHED = 0.001
 """A ball that comes so near to where it is wanted gets there [m]."""
@@ -63,11 +62,13 @@ def fit(grasps: GraspSet, field: HeightField) -> GraspSet:
     low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
     position, rotation = _moved(path, grasps, low, field), grasps.rotation
     touched = closed(path, position, rotation, field)
-    leaning = _leaning(path, position, rotation, touched, field)
+    found = contacts(rotation, touched, path.active, field)
+    leaning = _leaning(path, position, rotation, found, field)
     if leaning is not None:
         position, rotation = leaning
         touched = closed(path, position, rotation, field)
-    quality = contacts(rotation, touched, path.active, field).quality()
+        found = contacts(rotation, touched, path.active, field)
+    quality = found.quality()
     held = (quality > NO_HOLD)[:, None]
     final = path.joints(touched.held_off(HELD_OFF))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
@@ -110,12 +111,11 @@ def _leaning(
     path: ClosingPath,
     position: Array,
     rotation: Array,
-    touched: Touch,
+    found: Contacts,
     field: HeightField,
 ) -> tuple[Array, Array] | None:
     """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else; None
     where nothing would."""
-    found = contacts(rotation, touched, path.active, field)
     low = at_table(position, rotation, path.nodes[:, 2])
     rows = np.flatnonzero(found.enough & (found.sag > 0) & ~low)
     if not len(rows):
