@@ -56,7 +56,7 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     object_mass: float = parameter(0.2, "Assumed mass of a held object, at the TCP [kg].", 0.0, 3.0)
     joint_state_timeout: float = parameter(
         SILENCE,
-        "Silence of /joint_states that aborts; ten times that of the hand [s of node time].",
+        "Silence of the arm's joint states that aborts; of the hand's ten times as long [s of node time].",
         0.02,
         5.0,
     )

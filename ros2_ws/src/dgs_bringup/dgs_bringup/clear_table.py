@@ -66,7 +66,7 @@ class ClearTableParameters:
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
     max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
     min_score: float = parameter(
-        0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
+        0.0, "Least score that a grasp's proposer gives, before the ranking; 0 = the planner's.", 0.0, 1.0
     )
     overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm is on its last way.")
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
