@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
-# Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
-#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--catalogue novel] [--params FILE] [--timeout 120] [--time-limit 270]
-#   VIEW=1 or --view: with the live page; the suite stays when the table is clear, until Ctrl-C
+# Clear a table in the headless simulation and write a run folder.
+#   demo.sh [--seed 0] [--objects 5] [--out FOLDER] [--catalogue novel] [--max-attempts N] [--time-limit 270] [--no-bag]
+#           [--params FILE] [--timeout 120] [--view]
+# SEED, OBJECTS, OUT and VIEW may be variables, too. With the live page (--view) the suite stays when the table is clear,
+# until Ctrl-C.
 # Exit code: 0 carried through, 1 planner, arm, hand or camera failed, 2 an option is wrong, 3 a node died, 4 not all nodes
 # were ready in time, 5 the demo gave up
 set -euo pipefail
@@ -19,7 +21,7 @@ while [[ $# -gt 0 ]]; do
     --params) suite+=(--params "$2"); shift 2 ;;
     --timeout) suite+=(--timeout "$2"); shift 2 ;;
     --view) view=yes; shift ;;
-    -h | --help) sed -n '2,6s/^# //p' "$0"; exit 0 ;;
+    -h | --help) sed -n '2,8s/^# //p' "$0"; exit 0 ;;
     *) rest+=("$1"); shift ;;
   esac
 done

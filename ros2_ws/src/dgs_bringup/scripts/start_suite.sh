@@ -13,8 +13,8 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
   --params   further parameter file; its values win over those of config/suite.yaml
   --log      folder for one log file per node (default: a new one in the temporary folder)
   --timeout  how long the nodes may take to be ready [s] (default 120)
-  --view     also serve the live page (dgs_viewer) and print its address, and but for mode robot, whose driver does it,
-             publish /robot_description and /tf for RViz and Foxglove (robot_state); their end does not end the suite
+  --view     also serve the live page (dgs_viewer) and print its address, and publish /robot_description and /tf for RViz
+             and Foxglove (robot_state; not in mode robot, where the driver does); their end does not end the suite
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
 Exit code: that of COMMAND; 0 after Ctrl-C; 2 if an option is wrong; 3 if a node ended by itself; 4 if the nodes were not
