@@ -76,6 +76,7 @@ def main(u: int, v: int) -> None:
         answer = answer_of(node, planner.call_async(request), "/predict_grasps")
         if answer.error_code != NO_CLOUD_YET or time.monotonic() > end:
             break
+        time.sleep(0.5)
     if answer.error_code:
         sys.exit(f"{answer.error_code}: {answer.message}")
     goal = ExecuteGrasp.Goal(header=answer.header, grasps=answer.grasps)
