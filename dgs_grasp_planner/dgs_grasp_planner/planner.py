@@ -92,9 +92,10 @@ class GraspPlanner:
             grasps, rejected = self._plan(scene.asked(FALLBACK_SCORE))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
-        shapes = () if len(grasps) else scene.field.shapes.values()
+        wish = scene.request.wanted
+        shapes = () if len(grasps) else (s for s in scene.field.shapes.values() if wish(s.tops).any())
         too_wide = tuple(shape.width for shape in shapes if shape.width > HAND.grasp.widest)
-        wanted = len(grasps) > 0 or bool(scene.request.wanted(scene.voxels).any())
+        wanted = len(grasps) > 0 or bool(wish(scene.voxels).any())
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide, wanted)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:

@@ -202,7 +202,7 @@ class Prediction:
         points_used: points of the cloud that were looked at.
         stage_times: seconds per stage, and `total`.
         rejected: number of candidates per reason of rejection.
-        too_wide: where there is no grasp, the widths of what no turn of the hand would fit around [m].
+        too_wide: where there is no grasp, the widths of what is wanted and no turn of the hand would fit around [m].
         wanted: whether there is a grasp, or a point of an object where one is wanted.
     """
 

@@ -114,7 +114,7 @@ def test_boxes_in_which_nothing_is_left_are_named(cell: GraspPlanner, aimed: boo
             predict_in_cell(cell, _in_base(scene), CAMERA_BASE, 3, request)
 
 
-def test_what_is_too_wide_is_said_with_its_width(cell: GraspPlanner) -> None:
+def test_what_is_too_wide_is_said_with_its_width_where_it_is_wanted(cell: GraspPlanner) -> None:
     rng = np.random.default_rng(0)
     case = rng.uniform((-0.09, -0.07, 0.02), (0.09, 0.07, 0.02), (6000, 3))
     points = _in_base(np.concatenate([table_scene(objects=0), case]))
@@ -122,3 +122,8 @@ def test_what_is_too_wide_is_said_with_its_width(cell: GraspPlanner) -> None:
         predict_in_cell(cell, points, CAMERA_BASE, 3, PlanRequest())
     width = re.search(r"too wide for the hand's 88 mm: (\d+) mm$", error.value.message)
     assert width and 135 <= int(width[1]) <= 155, error.value.message
+    post = rng.uniform((0.0, 0.2, 0.06), (0.03, 0.23, 0.06), (500, 3))
+    with refused(ErrorCode.NO_GRASP, "take another view$"):
+        aimed = PlanRequest(targets=post[:1])
+        without_edge = planner_with(None, ["edge_pinch"])
+        predict_in_cell(without_edge, np.concatenate([points, _in_base(post)]), CAMERA_BASE, 3, aimed)

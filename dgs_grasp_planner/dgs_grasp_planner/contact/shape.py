@@ -38,6 +38,11 @@ class Shape:
     points: Array
     heights: NDArray[np.float32]
 
+    @property
+    def tops(self) -> Array:
+        """(N, 3) highest places of the cells [m]."""
+        return np.column_stack([self.points, self.heights])
+
     @cached_property
     def centre_of_mass(self) -> Array:
         """(2,) if it were solid from what is seen down to the table [m]."""
