@@ -1,6 +1,6 @@
 """3. Plug a planner of your own in as a proposer: the stages that follow make its candidates safe. No ROS needed.
 
-python examples/3_own_proposer.py
+source ros2_ws/setup_env.sh && python examples/3_own_proposer.py
 docs/architecture.md, "A proposer of your own", says how it comes into the running suite.
 """
 
