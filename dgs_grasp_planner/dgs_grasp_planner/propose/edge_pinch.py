@@ -67,7 +67,7 @@ SCORE, LESS = 0.95, 0.45
 deep inside (of the exam's 72 tries on new hardware 69 held, whatever they had of this), ..."""
 HOLES = 0.5
 """... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most
-of it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
+of it is. Of some 390 tries at training things in both engines nine of ten held there, less than six of ten elsewhere.
 """
 VESSEL = 0.5
 """Of the score where a vessel is pinched, its rim between the thumb and a curved bottom: of 15 own bowls six came into
