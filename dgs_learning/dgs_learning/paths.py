@@ -10,7 +10,7 @@ from dgs_description.paths import repository, weights_dir
 
 def data_dir() -> Path:
     """Intermediate results of the generation, not tracked (`DGS_DATA_DIR`)."""
-    return Path(os.environ.get("DGS_DATA_DIR", repository() / "data"))
+    return Path(os.environ.get("DGS_DATA_DIR") or repository() / "data")
 
 
 def dataset_file() -> Path:
