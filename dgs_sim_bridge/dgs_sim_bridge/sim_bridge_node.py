@@ -98,16 +98,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def __init__(self, **node_arguments: Any) -> None:
         """Begin to simulate. Raises DgsError: the catalogue is missing, the port of the hand's bus is in use."""
         super().__init__("sim_bridge_node", SimParameters, **node_arguments)
-        scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
-        port = bus_port(self.parameters.hand_port)
-        self._hand_bus = VirtualHand(port)
+        self._hand_bus = VirtualHand(bus_port(self.parameters.hand_port))
         try:
-            self._hand_bus.start()
-        except OSError as error:
-            deaf = f"the hand's CAN bus cannot listen on port {port}: {error}"
-            cure = "end the other simulator, or choose hand_port:= here and port:= of hand_driver_node"
-            raise DgsError(ErrorCode.SIM_REQUEST, f"{deaf}; {cure}") from error
-        self._simulation = Simulation(scene, self._hand_bus)
+            self._simulation = self._begin()
+        except DgsError:
+            forget_shapes()  # `close` is not called then
+            raise
         self._pacer = Pacer(self.parameters.real_time_factor)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
@@ -160,6 +156,16 @@ class SimBridgeNode(DgsNode[SimParameters]):
         ):
             self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
         self.serve_action(FollowJointTrajectory, _ARM_ACTION, self._execute, self._on_goal)
+
+    def _begin(self) -> Simulation:
+        scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
+        try:
+            self._hand_bus.start()
+        except OSError as error:
+            deaf = f"the hand's CAN bus cannot listen on port {self._hand_bus.port}: {error}"
+            cure = "end the other simulator, or choose hand_port:= here and port:= of hand_driver_node"
+            raise DgsError(ErrorCode.SIM_REQUEST, f"{deaf}; {cure}") from error
+        return Simulation(scene, self._hand_bus)
 
     def _make_scene(self, seed: int, count: int, catalogue: str) -> list[PlacedObject]:
         models = find_catalogue(catalogue or self.parameters.catalogue, self.parameters.models_dir)

@@ -335,12 +335,17 @@ def test_bad_resets_are_refused_and_leave_the_scene(bench: Bench, request_: dict
 
 
 def test_second_simulator_on_the_same_port_refuses_to_start(bench: Bench, tmp_path: Path) -> None:
+    parameters, left = {"hand_port": bench.port, "objects": 2}, tmp_path / "left"
+    left.mkdir()
     with (
         reserved_domain_id() as domain_id,
-        suite_node("sim_bridge_node", domain_id, tmp_path, {"hand_port": bench.port, "objects": 0}) as node,
+        suite_node(
+            "sim_bridge_node", domain_id, tmp_path, parameters, environment={"TMPDIR": str(left)}
+        ) as node,
     ):
         assert node.wait() == 2
         assert str(bench.port) in node.log() and "cannot start" in node.log() and "hand_port:=" in node.log()
+        assert not list(left.glob("dgs_parts_*"))
 
 
 def test_interrupt_in_the_middle_of_a_motion(bench: Bench) -> None:
