@@ -156,15 +156,15 @@ def spline_from(state: ArmState, path: JointPath) -> Spline:
         TrajectoryRefused: the first point is too far away, or too far for the time until it.
     """
     times, positions, velocities, accelerations = path
-    distance = np.abs(positions[0] - state.positions)
-    worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
-    if distance[worst] > START_TOLERANCE + ARM_VELOCITY[worst] * times[0]:
+    distance, allowed = np.abs(positions[0] - state.positions), START_TOLERANCE + ARM_VELOCITY * times[0]
+    worst = int(np.argmax(distance - allowed))
+    if distance[worst] > allowed[worst]:
         there = f"the measured {ARM_JOINTS[worst]} ({state.positions[worst]:.3f} rad)"
         far = f"the trajectory starts {distance[worst]:.3f} rad away from {there} at {times[0]:.2f} s"
-        allowed = f"{START_TOLERANCE:g} rad are allowed"
-        raise TrajectoryRefused(FollowCode.PATH_TOLERANCE_VIOLATED, f"{far}; {allowed}")
+        sentence = f"{far}; {allowed[worst]:.3g} rad are allowed"
+        raise TrajectoryRefused(FollowCode.PATH_TOLERANCE_VIOLATED, sentence)
     if times[0] > 0 or len(times) == 1:
-        first = max(times[0], 1e-3)
+        first = times[0] or 1e-3
         times = np.concatenate([[0.0], [first], times[1:]])
         positions = np.concatenate([state.positions[None], positions])
         if velocities is not None:

@@ -64,10 +64,17 @@ def test_velocity_of_the_moving_arm_is_taken_over() -> None:
     np.testing.assert_allclose(spline_from(state, faster).sample(0.01).velocities, 0.4, atol=0.01)
 
 
+def test_points_less_than_a_millisecond_apart_are_passed_one_after_the_other() -> None:
+    for times in ([1e-4, 5e-4, 1.0], [5e-4, 1e-3, 1.0], [1e-12, 2e-12, 1.0]):
+        spline = spline_from(STILL, JointPath(np.array(times), np.array([[0.1], [0.2], [0.3]]) * np.ones(6)))
+        np.testing.assert_allclose(spline.sample(times[1]).positions, 0.2)
+        assert np.isfinite(spline.sample(times[1] / 3).velocities).all()
+
+
 def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
     positions = np.zeros((2, 6))
     positions[0, 2] = 0.25
-    with pytest.raises(TrajectoryRefused, match="0.250 rad away from the measured elbow_joint") as caught:
+    with pytest.raises(TrajectoryRefused, match="0.250 rad away from .* elbow_joint.* 0.2 rad are") as caught:
         spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions))
     assert caught.value.code == FollowCode.PATH_TOLERANCE_VIOLATED
     positions[0, 2] = 0.19
@@ -75,7 +82,7 @@ def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
 
 
 def test_first_point_that_cannot_be_reached_in_time_is_refused() -> None:
-    with pytest.raises(TrajectoryRefused):
+    with pytest.raises(TrajectoryRefused, match=r"1\.000 rad away .* at 0\.10 s; 0\.514 rad are allowed"):
         spline_from(STILL, JointPath(np.array([0.1]), np.ones((1, 6))))
     nearer = np.array([[0.85, 0.0, 0.0, 0.0, 0.0, 0.9]])  # the wrist is faster
     with pytest.raises(TrajectoryRefused, match="shoulder_pan_joint"):
