@@ -342,7 +342,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
                 next_feedback = now + _FEEDBACK_PERIOD
                 handle.publish_feedback(to_feedback(wanted, measured, passed, now))
 
-        goal = goal_from_message(handle.request, self._simulation.time, ends.put, on_progress)
+        # It was judged when it came: one whose end has passed since then is not refused any more.
+        goal = goal_from_message(handle.request, 0.0, ends.put, on_progress)
         self._simulation.start_goal(goal)
         while not self.stopping.is_set():
             if handle.is_cancel_requested:
