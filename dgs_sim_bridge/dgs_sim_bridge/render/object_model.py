@@ -192,6 +192,8 @@ def load_catalogue(path: Path) -> list[ObjectModel]:
 
 def checked(model: ObjectModel) -> ObjectModel:
     """The model. Raises DgsError SIM_CATALOGUE if it is no body that can be simulated and seen."""
+    if not (isinstance(model.name, str) and isinstance(model.family, str)):
+        raise _impossible(model, f"its name and its family {model.family!r} must be text")
     corners, faces = model.vertices, model.faces
     if not (corners.ndim == 2 and corners.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3):
         raise _impossible(

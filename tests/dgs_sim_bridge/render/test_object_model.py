@@ -104,6 +104,7 @@ def damaged(**changes: np.ndarray | None) -> bytes:
         damaged(part_vertices=1000 * CUBE_ARRAYS["part_vertices"]),
         damaged(part_count=np.array([2])),
         damaged(name=np.array([{"an": "object"}], dtype=object)),
+        damaged(name=np.array([5])),
         damaged(
             **{key: np.concatenate([array, array]) for key, array in CUBE_ARRAYS.items()}
         ),  # one name, two cubes
@@ -112,7 +113,7 @@ def damaged(**changes: np.ndarray | None) -> bytes:
 def test_a_file_of_another_kind_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.npz"
     path.write_bytes(content)
-    with refused(ErrorCode.SIM_CATALOGUE, r"other\.npz|object 'cube'"):
+    with refused(ErrorCode.SIM_CATALOGUE, r"other\.npz|object ('cube'|5)"):
         find_catalogue(str(path))
 
 
