@@ -85,6 +85,13 @@ def test_a_camera_comes_into_an_empty_file(tmp_path: Path, before: str) -> None:
     assert path.read_text().startswith(before.strip("{}"))
 
 
+@pytest.mark.parametrize("width", [0.36, 0.44, 0.54, 0.66])
+def test_a_workspace_may_reach_to_the_tables_edge(width: float) -> None:
+    """Whatever the last bit of a sum says."""
+    centre = Cell.table_centre[0] - Cell.table_size[0] / 2 + width / 2
+    Cell(workspace_size=(width, 0.8), workspace_centre=(round(centre, 4), 0.0))
+
+
 def test_camera_link_looks_along_its_x_axis() -> None:
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 0], CELL.T_base_camera_optical[:3, 2], atol=1e-12)
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 1], -CELL.T_base_camera_optical[:3, 0], atol=1e-12)

@@ -105,7 +105,7 @@ class Cell:
         aside = np.abs(np.subtract(self.workspace_centre, self.table_centre)) + np.divide(
             self.workspace_size, 2
         )
-        if (aside > np.divide(self.table_size[:2], 2)).any():
+        if (aside > np.divide(self.table_size[:2], 2) + 1e-9).any():
             raise ValueError("the workspace must lie on the table")
         if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
             raise ValueError("turning_edge must lie in free_edge")
