@@ -80,15 +80,19 @@ def hand_parts(joints: Array) -> list[HandPart]:
 @cache
 def _hand_meshes() -> tuple[list[Mesh], list[list[Mesh]]]:
     """The palm's boxes, and the three phalanges of every finger."""
+    fingers = [[_arrays(_mesh(shape, HAND_FACETS)) for shape in shapes] for shapes in phalanx_shapes()]
+    return [rounded_box(box) for box in HAND.palm_boxes], fingers
+
+
+def rounded_box(box: Array) -> Mesh:
+    """The hull of eight small balls in the corners of a box (6,), x0 x1 y0 y1 z0 z1 [m]."""
     import trimesh
 
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=PALM_ROUNDING).vertices
-    palm = []
-    for box in HAND.palm_boxes:  # the hull of eight small balls
-        low, high = box[0::2], box[1::2]
-        corners = low + PALM_ROUNDING + np.array(list(np.ndindex(2, 2, 2))) * (high - low - 2 * PALM_ROUNDING)
-        palm.append(_arrays(trimesh.Trimesh((corners[:, None] + ball).reshape(-1, 3)).convex_hull))
-    return palm, [[_arrays(_mesh(shape, HAND_FACETS)) for shape in shapes] for shapes in phalanx_shapes()]
+    low, high = box[0::2], box[1::2]
+    radius = min(PALM_ROUNDING, float((high - low).min()) / 2)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=radius).vertices
+    corners = low + radius + np.array(list(np.ndindex(2, 2, 2))) * (high - low - 2 * radius)
+    return _arrays(trimesh.Trimesh((corners[:, None] + ball).reshape(-1, 3)).convex_hull)
 
 
 def _mesh(shape: Shape, facets: int = CELL_FACETS) -> trimesh.Trimesh:
