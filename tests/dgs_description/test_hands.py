@@ -268,6 +268,12 @@ WRONG = {
     "palm has unknown keys: True, weight": lambda f: f["palm"].update({True: [0, 0], "weight": 1.0}),  # on: in YAML
     "tcp[1] must be a finite number": lambda f: f.update(tcp=[0, 10**400, 0]),
     "links.distal has unknown keys: lenght": lambda f: f["links"]["distal"].update(lenght=0.1),
+    "joints[1].follows names the joint itself": lambda f: f["joints"][1].update(follows="joint2", ratio=0.5),
+    "fingers.thumb.links has unknown keys: distel": lambda f: f["fingers"]["thumb"]["links"].update(distel={"to": 0}),
+    "links.distal has unknown keys: mass": lambda f: f["fingers"]["thumb"]["links"]["distal"].update(mass=0.05),
+    "fingers.index.links must be a mapping": lambda f: f["fingers"]["index"].update(links=[0.02]),
+    "links.knuckle has unknown keys: radius": lambda f: f["links"]["knuckle"].update(radius=0.01),
+    "grasp.stiffness[0] must be a finite number of at least": lambda f: f["grasp"].update(stiffness=[0, 5, 2, 2]),
     "joints[1].ratio must not be 0": lambda f: f["joints"][1].update(follows="joint3", ratio=0),
     "joints[3] must be a mapping": lambda f: f["joints"].__setitem__(3, None),
     "palm.boxes must name one box at least": lambda f: f["palm"].update(boxes=[]),

@@ -77,6 +77,8 @@ def hand_of(contents: Any, name: str) -> HandModel:
             own = f"{fingers[f]}_{leader.value}"
             leads = own if own in joints else leader.value
             source[row], ratio[row] = _Node(leads, leader.where).one_of(joints), factor
+            if source[row] == row:
+                raise leader.wrong("names the joint itself")
     if (source[source] != source).any():
         raise file["joints"].wrong("has a joint that follows one that follows another")
     lower, upper = (np.concatenate([getattr(part, end) for part in parts]) for end in ("lower", "upper"))
@@ -84,6 +86,7 @@ def hand_of(contents: Any, name: str) -> HandModel:
     palm, links = file["palm"], file["links"]
     palm.of(["mass", "centre_of_mass", "boxes"])
     links.of(LINKS)
+    links["knuckle"].of(["mass", "centre_of_mass"])
     approach = Rotation.from_euler("y", file.get("approach", _Node(0.0, "approach")).number())
     mount = Rotation.from_euler("xyz", file.get("mount_rpy", _Node([0.0] * 3, "mount_rpy")).numbers(3))
     return HandModel(
@@ -162,8 +165,8 @@ class _Node:
             raise self.wrong("must be a whole number")
         return int(self.value)
 
-    def numbers(self, count: int) -> Array:
-        return np.array([item.number() for item in self.items(count)])
+    def numbers(self, count: int, least: float = -np.inf) -> Array:
+        return np.array([item.number(least) for item in self.items(count)])
 
     def unit(self) -> Array:
         vector = self.numbers(3)
@@ -248,9 +251,11 @@ class _Finger:
         self.spread = own.get("spread", _Node(nearest, "spread")).number()
         if not self.lower[0] - 1e-9 <= self.spread <= self.upper[0] + 1e-9:
             raise own["spread"].wrong("lies outside of joint1's limits")
-        common = file["links"]
-        links = own.get("links", common)
-        self.capsules = tuple(_capsule(links.get(name, common[name]), common[name]) for name in LINKS[1:])
+        links = own.get("links", _Node({}, "links"))
+        links.of(LINKS[1:])
+        self.capsules = tuple(
+            _capsule(links.get(name, _Node({}, f"links.{name}")), file["links"][name]) for name in LINKS[1:]
+        )
 
     def _joint(self, k: int, joint: _Node) -> None:
         joint.of(["lower", "upper", "effort", "follows", "ratio", "at"])
@@ -276,8 +281,10 @@ def _step(length: _Node) -> Array:
 
 
 def _capsule(link: _Node, common: _Node) -> Capsule:
-    for node in (link, common):
-        node.of(["mass", "centre_of_mass", "radius", "from", "to", "height", "spheres"])
+    """The capsule of one finger's link: what it does not say itself, the file says for all."""
+    shape = ["radius", "from", "to", "height"]
+    link.of(shape)
+    common.of(["mass", "centre_of_mass", *shape, "spheres"])
     radius = common["radius"].number(1e-3)
     if "radius" in link.value and link["radius"].number() != radius:
         raise link["radius"].wrong(
@@ -328,6 +335,6 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
         thumb_share=node["thumb_share"].number(0.0),
         level_pinch=level,
         push=push,
-        stiffness=node["stiffness"].numbers(JOINTS_PER_FINGER),
+        stiffness=node["stiffness"].numbers(JOINTS_PER_FINGER, 1e-3),
         thumb_factor=node["thumb_factor"].number(0.1),
     )
