@@ -109,6 +109,7 @@ def test_camera_link_looks_along_its_x_axis() -> None:
         ({"table_size": [1.0, 1.0]}, "must be 3 finite numbers"),
         ({"home": [0.0] * 5}, "must be 6 finite numbers"),
         ({"optical_frame": ""}, "must be a name"),
+        ({"optical_frame": "/camera_link"}, "optical_frame cannot be camera_link"),
         ({"table_size": [1.0, 1.0, 0.0]}, "sizes and distances must be greater than 0"),
         ({"free_edge": [0.4, 0.1]}, "0.4 must be less than 0.1"),
         ({"workspace_centre": [0.2, 0.0]}, "workspace must lie on the table"),

@@ -19,6 +19,8 @@ import yaml
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.frames import (
+    BASE_LINK,
+    CAMERA_LINK,
     CAMERA_OPTICAL,
     T_CAMERA_LINK_OPTICAL,
     Array,
@@ -116,6 +118,10 @@ class Cell:
             raise ValueError("home is beyond the arm's joint limits; the unit is radians")
         if not 0.0 < self.camera_elevation < np.pi / 2:
             raise ValueError("camera_elevation must lie between 0 and pi / 2; the unit is radians")
+        if self.optical_frame in (BASE_LINK, CAMERA_LINK):
+            raise ValueError(
+                f"optical_frame cannot be {self.optical_frame}: its axes are x right, y down, z forward"
+            )
         if (self.camera_position is None) != (self.camera_quaternion_xyzw is None):
             raise ValueError("camera_position and camera_quaternion_xyzw go together")
         if self.camera_position is not None and self.camera_quaternion_xyzw is not None:
