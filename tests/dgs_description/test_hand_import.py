@@ -15,7 +15,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from dgs_description import hand_stance
+from dgs_description import hand_import, hand_stance
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import CHOICE
 from dgs_description.hand_file import FILE, load_hand
@@ -145,6 +145,14 @@ def test_the_command_writes_once(tmp_path: Path) -> None:
     assert load_hand(tmp_path / "dexhand_021").finger_count == 4
     again = subprocess.run(call, capture_output=True, text=True, timeout=60)
     assert again.returncode == 1 and "not overwritten" in again.stderr
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine").write_text("a file")
+    monkeypatch.setattr(hand_import, "import_hand", lambda *_: ({}, []))
+    monkeypatch.setattr(sys, "argv", ["hand_import", "hand.urdf", str(tmp_path / "mine")])
+    with pytest.raises(SystemExit, match=r"mine.hand\.yaml cannot be written"):
+        hand_import.main()
 
 
 @pytest.mark.parametrize(

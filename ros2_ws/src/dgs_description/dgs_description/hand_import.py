@@ -22,6 +22,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.frames import Array, from_rpy
 from dgs_description.hand_file import FILE, LINKS, hand_of
 from dgs_description.hand_model import JOINTS_PER_FINGER
@@ -376,8 +377,11 @@ def main() -> None:
         file, told = import_hand(given.urdf, given.folder.resolve().name, given.thumb)
     except DgsError as error:
         sys.exit(f"{int(error.code)}: {error.message}")
-    given.folder.mkdir(parents=True, exist_ok=True)
-    target.write_text(yaml.safe_dump(file, sort_keys=False, default_flow_style=None, width=110))
+    try:
+        with atomic_write(target, "w") as out:
+            yaml.safe_dump(file, out, sort_keys=False, default_flow_style=None, width=110)
+    except OSError as error:
+        sys.exit(f"{target} cannot be written: {error}")
     print(f"wrote {target}", *told, sep="\n  ")
 
 
