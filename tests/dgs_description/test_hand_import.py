@@ -170,6 +170,14 @@ def test_couplings_that_cannot_be_kept_are_refused(mimic: str, words: str, tmp_p
         import_hand(path, "mine")
 
 
+def test_a_finger_of_which_nothing_says_where_it_points_is_named(tmp_path: Path) -> None:
+    joint = "<joint name='{0}{1}' type='revolute'><parent link='{2}'/><child link='{0}{1}'/><axis xyz='{3}'/></joint>"
+    fingers = (joint.format(f, 1, "palm", "1 0 0") + joint.format(f, 2, f"{f}1", "0 1 0") for f in "ab")
+    (tmp_path / "hand.urdf").write_text(f"<robot>{''.join(fingers)}</robot>")
+    with refused(ErrorCode.PARAMETER_INVALID, "the finger of a1 points: .* fingertip frame behind a2"):
+        import_hand(tmp_path / "hand.urdf", "mine")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -150,7 +150,11 @@ def _follow(
         found.append(_Chain(above, max(away, key=lambda end: float(np.linalg.norm(end - last))), False))
     else:
         way = last - above[-2].place if len(above) > 1 else pose[:3, 0]
-        found.append(_Chain(above, last + TIP * way / max(float(np.linalg.norm(way)), 1e-9), True))
+        length = float(np.linalg.norm(way))
+        if length < 1e-6:
+            unknown = f"nothing says which way the finger of {above[0].name} points"
+            raise ValueError(f"{unknown}: add a fixed fingertip frame behind {above[-1].name}")
+        found.append(_Chain(above, last + TIP * way / length, True))
 
 
 def _moves(joint: ElementTree.Element) -> bool:
