@@ -17,11 +17,11 @@ FAULTS = (
 class Faults:
     """The faults that are on.
 
-    freeze_camera: no pictures. drop_joint_states: the arm's `/joint_states` are silent. protective_stop: the robot's
-    program pauses as on the real robot: speed scaling is 0, the running goal stands still, and goes on afterwards
-    unless somebody cancels it. emergency_stop: the program ends, the running goal aborts, new ones are refused.
-    jam_finger: a finger is stuck. abort_arm_goal: the running goal aborts, or the next one if none runs; with a
-    duration every goal within it.
+    freeze_camera: no pictures. drop_joint_states: the arm's `/joint_states` are silent, and with them the wrench, which
+    comes the same way. protective_stop: the robot's program pauses as on the real robot: speed scaling is 0, the
+    running goal stands still, and goes on afterwards unless somebody cancels it. emergency_stop: the program ends, the
+    running goal aborts, new ones are refused. jam_finger: a finger is stuck. abort_arm_goal: the running goal aborts,
+    or the next one if none runs; with a duration every goal within it.
     """
 
     def __init__(self) -> None:
