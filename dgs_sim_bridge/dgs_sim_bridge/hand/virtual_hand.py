@@ -8,7 +8,9 @@ from collections.abc import Sequence
 
 import can
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
+from dgs_description.hand import HAND
 from dgs_hand_driver.hand_state import HandCommand
 from dgs_hand_driver.protocol import NO_FINGER, protocol_class
 from dgs_sim_bridge.hand.socketcand_server import SocketcandServer
@@ -28,9 +30,15 @@ class VirtualHand:
         """Describe the bus on this machine; nothing is opened before `start`. Port 0 takes any free one.
 
         Raises:
-            DgsError: HAND_PROTOCOL, the hand's folder names no protocol.
+            DgsError: HAND_PROTOCOL, the hand's folder names no protocol, or one without the hand's end.
         """
-        self._firmware = protocol_class().firmware()
+        protocol = protocol_class()
+        if not hasattr(protocol, "firmware"):
+            lacks = (
+                f"{HAND.protocol} of the hand {HAND.name} has no `firmware`, which the simulator speaks with"
+            )
+            raise DgsError(ErrorCode.HAND_PROTOCOL, f"{lacks} (docs/hand_can_protocol.md)")
+        self._firmware = protocol.firmware()
         self._server = SocketcandServer(self._receive, port)
         self._lock = threading.Lock()
         self._ended = threading.Event()
@@ -62,7 +70,7 @@ class VirtualHand:
         return self._server.clients
 
     def command(self) -> HandCommand:
-        """Newest complete command; before the first one: position mode, all joints zero, sequence 0. Thread-safe."""
+        """Newest complete command; before the first one: position mode, `HAND.straight`, sequence 0. Thread-safe."""
         with self._lock:
             return self._firmware.command
 

@@ -4,6 +4,7 @@ import can
 import numpy as np
 import pytest
 
+from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.dbc_codec import DbcCodec, FaultFrame, Frame, HeartbeatFrame, StatusFrame
@@ -12,6 +13,7 @@ from dgs_hand_driver.hand_settings import HandSettings
 from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from tests.support.environment import wait_until
+from tests.support.refused import refused
 
 PROTOCOL = DbcCodec()
 TARGET = np.tile([0.1, 0.5, 0.3, 0.3], 5)
@@ -55,6 +57,12 @@ def receive(bus: can.BusABC, kind: type) -> Frame:
 def test_before_the_first_command() -> None:
     command = VirtualHand(port=0).command()
     assert command.mode == "position" and command.sequence == 0 and not command.target.any()
+
+
+def test_a_protocol_without_a_firmware_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(DbcProtocol, "firmware")
+    with refused(ErrorCode.HAND_PROTOCOL, "DbcProtocol of the hand dexhand_pro has no `firmware`"):
+        VirtualHand(port=0)
 
 
 def test_command_arrives(hand, bus) -> None:
