@@ -114,6 +114,7 @@ def test_camera_link_looks_along_its_x_axis() -> None:
         ({"free_edge": [0.4, 0.1]}, "0.4 must be less than 0.1"),
         ({"workspace_centre": [0.2, 0.0]}, "workspace must lie on the table"),
         ({"turning_edge": [0.05, 0.35]}, "turning_edge must lie in free_edge"),
+        ({"table_size": [0.7, 0.7, 0.04], "workspace_size": [0.4, 0.6]}, "free_edge must lie on the table"),
         ({"bin_centre": [-0.1, -0.75]}, "over the bin's middle"),
         ({"table_height": 2.0}, "1.98 must be less than 1"),
         ({"floor_height": 0.92}, "floor must lie below robot and table top"),

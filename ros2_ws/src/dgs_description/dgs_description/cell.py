@@ -109,6 +109,8 @@ class Cell:
         )
         if (aside > np.divide(self.table_size[:2], 2) + 1e-9).any():
             raise ValueError("the workspace must lie on the table")
+        if np.abs(np.subtract(self.free_edge, self.table_centre[1])).max() > self.table_size[1] / 2 + 1e-9:
+            raise ValueError("free_edge must lie on the table: what is pushed there would fall off its side")
         if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
             raise ValueError("turning_edge must lie in free_edge")
         over_the_bin = np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
