@@ -101,7 +101,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._hand_bus = VirtualHand(bus_port(self.parameters.hand_port))
         try:
             self._simulation = self._begin()
-        except DgsError:
+        except Exception:
             forget_shapes()  # `close` is not called then
             raise
         self._pacer = Pacer(self.parameters.real_time_factor)
