@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -81,6 +81,9 @@ class ArmController:
         self._end(Outcome("aborted", FollowCode.INVALID_GOAL, "a new goal took this one's place"))
         elapsed = 0.0 if goal.start_time is None else now - goal.start_time
         path = goal.path if elapsed <= 0 else still_to_come(goal.path, elapsed)
+        if elapsed < 0:  # until then the arm stands
+            self._set_point = SetPoint(self._set_point.positions, np.zeros(6))
+            state = replace(state, velocities=np.zeros(6))
         try:
             spline = spline_from(state, path)
         except TrajectoryRefused as refusal:

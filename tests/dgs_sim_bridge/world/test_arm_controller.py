@@ -230,6 +230,16 @@ def test_start_time_in_the_future_is_waited_for(arm: Arm) -> None:
     assert arm.outcomes[0].status == "succeeded"
 
 
+def test_a_moving_arm_stands_until_a_later_goal_begins_and_when_that_is_cancelled(arm: Arm) -> None:
+    arm.start(arm.goal([0.0, 2.0], [0.0, 2.0]))
+    reached = arm.run(0.5)[-1]
+    later = arm.start(arm.goal([0.5], [reached + 0.1], start_time=1.5))
+    np.testing.assert_allclose(arm.run(0.5), reached)
+    np.testing.assert_array_equal(arm.state.velocities, 0)
+    arm.controller.cancel(later)
+    np.testing.assert_allclose(arm.run(0.5), reached)
+
+
 def test_abort_without_a_goal_does_nothing(arm: Arm) -> None:
     arm.controller.abort(FollowCode.INVALID_GOAL, "nothing runs")
     assert not arm.outcomes
