@@ -30,8 +30,8 @@ from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, v
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
-GRASPS_PER_OBJECT = 2400
-"""Symmetric ones included, so many are tried in a scene."""
+GRASPS_PER_OBJECT = 8000
+"""Symmetric ones included, at most so many are tried in a scene: all 36 turns of 220."""
 
 _refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
 _HAND = joblib.hash([getattr(HAND, fact.name) for fact in fields(HAND)])
