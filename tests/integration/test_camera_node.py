@@ -394,7 +394,7 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
         (
             {"depth_topic": "/my-camera/depth"},
             ErrorCode.PARAMETER_INVALID,
-            "'depth_topic': .* '/my-camera/depth'$",
+            "'depth_topic': .*'/my-camera/depth' is invalid: .*alphanumerics",
         ),
         ({"source": "webcam"}, ErrorCode.PARAMETER_INVALID, "one of 'realsense', 'depth_topics', 'rosbag'"),
     ],

@@ -87,7 +87,7 @@ def test_publishers_of_one_topic_that_offer_different_things_are_all_heard(ros_c
 @pytest.mark.parametrize("topic", ["/joint-states", "/joint//states", ""])
 def test_a_topic_that_cannot_be_one_is_refused_and_no_bag_is_begun(ros_client, tmp_path, topic):
     given = [Parameter("path", value=str(tmp_path / "bag")), Parameter("topics", value=["run", topic])]
-    with refused(ErrorCode.PARAMETER_INVALID, f"'topics': .*must not .*'{topic}'"):
+    with refused(ErrorCode.PARAMETER_INVALID, f"'topics': (?=.*must not ).*'{topic}'"):
         CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
     assert not list(tmp_path.iterdir())
 

@@ -31,12 +31,14 @@ from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup,
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, NameValidationException
 from rclpy.executors import Executor
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
@@ -207,21 +209,12 @@ class DgsNode(Node, Generic[P]):
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
             if name.endswith(("_topic", "topics")):
-                self._check_topics(name, value)
+                _check_topics(self, name, value)
             if value == ():
                 self._declare_empty(name, field, hints[name])
             else:
                 self.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
         return parameters
-
-    def _check_topics(self, name: str, value: str | tuple[str, ...]) -> None:
-        """Refuse names that ROS does not take; a single one may be empty, where there is to be no such topic."""
-        for topic in value if isinstance(value, tuple) else (value,) * bool(value):
-            try:
-                self._validate_topic_or_service_name(topic)
-            except NameValidationException as error:
-                said = " ".join(str(error).split()[:-1])  # without the mark below the letter that is wrong
-                raise DgsError(ErrorCode.PARAMETER_INVALID, f"parameter {name!r}: {said}") from error
 
     def _declare_empty(self, name: str, field: dataclasses.Field, hint: Any) -> None:
         """Declare a list without elements, which rclpy by itself takes for one of bytes."""
@@ -229,6 +222,16 @@ class DgsNode(Node, Generic[P]):
         descriptor = _descriptor(field, ())
         descriptor.type = Parameter.Type.from_parameter_value([get_args(hint)[0]()]).value
         self.set_descriptor(name, descriptor, ParameterValue(type=descriptor.type))
+
+
+def _check_topics(node: Node, name: str, value: str | tuple[str, ...]) -> None:
+    """Refuse names that ROS does not take; a single one may be empty, where there is to be no such topic."""
+    for topic in value if isinstance(value, tuple) else (value,) * bool(value):
+        try:
+            validate_full_topic_name(expand_topic_name(topic, node.get_name(), node.get_namespace()))
+        except (ValueError, NameValidationException) as error:
+            said = " ".join(str(error).partition(", at ")[0].strip(" \n^").split())
+            raise DgsError(ErrorCode.PARAMETER_INVALID, f"parameter {name!r}: {said}") from error
 
 
 def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
