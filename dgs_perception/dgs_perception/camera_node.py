@@ -271,6 +271,7 @@ class CameraNode(ManagedNode[CameraParameters]):
                     self._health.idle(f"The bag {bag.path} has been replayed.")
                 return
             if not self.parameters.bag_loop:
+                self._health.idle(f"The bag {bag.path} has been replayed as far as it can be read.")
                 return
             self.stopping.wait(RETRY_PERIOD)
 

@@ -55,14 +55,14 @@ class HandEye:
         """Raise DgsError CALIBRATION_DATA, with the worst sample, if the result may not be used."""
         rms, angle = (float(np.sqrt(np.mean(r**2))) for r in (self.residuals, self.residual_angles))
         worst = int(np.argmax(self.residuals + LEVER * self.residual_angles))
-        if rms > max_residual or angle > MAX_RESIDUAL_ANGLE:
+        if not (rms <= max_residual and angle <= MAX_RESIDUAL_ANGLE):
             raise _bad(
                 f"the samples do not agree: rms {1e3 * rms:.1f} mm and {np.rad2deg(angle):.2f} deg, allowed are "
                 f"{1e3 * max_residual:.1f} mm and {np.rad2deg(MAX_RESIDUAL_ANGLE):.2f} deg; the worst is sample "
                 f"{worst} ({1e3 * self.residuals[worst]:.1f} mm, {np.rad2deg(self.residual_angles[worst]):.2f} deg). "
                 "Was the board loose, are the poses T_base_tool0 and T_camera_board, and in metres?"
             )
-        if self.spread > max_spread:
+        if not self.spread <= max_spread:
             raise _bad(
                 f"leaving one sample out moves the camera by {1e3 * self.spread:.1f} mm, allowed are "
                 f"{1e3 * max_spread:.1f} mm: take more samples, turned farther"

@@ -340,7 +340,7 @@ def test_a_bag_waits_for_the_node_to_be_active_and_is_replayed_once(
     if damaged:
         monkeypatch.setattr(BagSource, "messages", broken)
     bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 100), rate=100.0)
-    values = {"source": "rosbag", "bag_path": str(bag), "bag_loop": False}
+    values = {"source": "rosbag", "bag_path": str(bag), "bag_loop": False, "silence_timeout": 0.1}
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     node = CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
     ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", print, qos_profile_sensor_data)
@@ -354,6 +354,10 @@ def test_a_bag_waits_for_the_node_to_be_active_and_is_replayed_once(
         assert not node._thread.is_alive()
         report = node._health.report()
         assert (int(report.code), report.values["clouds"]) == ((402, 0) if damaged else (0, 3))
+        monkeypatch.setattr("dgs_perception.health.PROBLEM_MEMORY", 0.0)
+        time.sleep(0.2)
+        later = node._health.report()
+        assert int(later.code) == 0 and ("as far as" in later.sentence) == damaged
     finally:
         node.stopping.set()
         node.close()
@@ -396,6 +400,7 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
             ErrorCode.PARAMETER_INVALID,
             "'depth_topic': .*'/my-camera/depth' is invalid: .*alphanumerics",
         ),
+        ({"depth_topic": ""}, ErrorCode.PARAMETER_INVALID, "'depth_topic': .*must not be empty"),
         ({"source": "webcam"}, ErrorCode.PARAMETER_INVALID, "one of 'realsense', 'depth_topics', 'rosbag'"),
     ],
 )

@@ -209,7 +209,7 @@ class DgsNode(Node, Generic[P]):
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
             if name.endswith(("_topic", "topics")):
-                _check_topics(self, name, value)
+                _check_topics(self, name, value, may_lack="empty" in constraints_of(field).description)
             if value == ():
                 self._declare_empty(name, field, hints[name])
             else:
@@ -224,9 +224,9 @@ class DgsNode(Node, Generic[P]):
         self.set_descriptor(name, descriptor, ParameterValue(type=descriptor.type))
 
 
-def _check_topics(node: Node, name: str, value: str | tuple[str, ...]) -> None:
-    """Refuse names that ROS does not take; a single one may be empty, where there is to be no such topic."""
-    for topic in value if isinstance(value, tuple) else (value,) * bool(value):
+def _check_topics(node: Node, name: str, value: str | tuple[str, ...], may_lack: bool) -> None:
+    """Refuse names that ROS does not take; with `may_lack` a single one may be empty: there is no such topic then."""
+    for topic in value if isinstance(value, tuple) else (value,) * (bool(value) or not may_lack):
         try:
             validate_full_topic_name(expand_topic_name(topic, node.get_name(), node.get_namespace()))
         except (ValueError, NameValidationException) as error:
