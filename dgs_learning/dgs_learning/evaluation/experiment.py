@@ -244,7 +244,7 @@ def _with_weights(row: Row, files: Sequence[Path]) -> tuple[Row, ...]:
         replace(
             row,
             name=f"{file.parent.name}_{file.stem}_{row.name}",
-            text=f"{row.text}, {file.parent.name}/{file.stem}",
+            text=f"{row.text or row.name}, {file.parent.name}/{file.stem}",
             weights=str(file),
         )
         for file in files

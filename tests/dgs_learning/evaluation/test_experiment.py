@@ -126,6 +126,10 @@ def test_every_row_is_run_with_every_file_of_weights() -> None:
     ]
     assert rows[1].model == "late" and rows[1].models_dir == Path("b")
     assert len({row.name for row in rows}) == 4
+    unnamed = read_experiment("table2", {}, ("a/early",)).rows
+    assert [row.text for row in unnamed] == [
+        f"{name}, a/early" for name in ("network", "without_pre_grasp", "without_offset")
+    ], "rows of one table are told apart"
     with pytest.raises(ValueError, match="several rows are named 'b_latest_alone'"):  # of one folder, that is
         read_experiment("growth", {}, ("a/b/latest", "c/b/latest"))
 
