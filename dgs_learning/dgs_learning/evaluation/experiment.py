@@ -147,7 +147,7 @@ def read_experiment(
         only: names of the rows that are wanted; none = all.
 
     Raises:
-        ValueError: there is no such experiment or row, a key or value is wrong, or rows would share a folder.
+        ValueError: there is no such experiment or row, a key or value is wrong, or rows are missing or share a folder.
     """
     values = _values(which)
     where = f"experiment {which}"
@@ -163,14 +163,23 @@ def read_experiment(
     if doubled := next((name for name in folders if folders.count(name) > 1), ""):
         raise ValueError(f"{where}: several rows are named {doubled!r}, and so would be their folders")
     name = Path(which).stem
-    return checked(Experiment, {"mark": name.replace("_", "-"), **values, "name": name, "rows": rows}, where)
+    values = {"mark": name.replace("_", "-"), **values, "name": name, "rows": rows}
+    experiment = checked(Experiment, values, where)
+    if not rows:
+        raise ValueError(f"{where}: it has no rows")
+    return experiment
 
 
-def _values(which: str) -> dict[str, Any]:
+def _values(which: str, extending: tuple[str, ...] = ()) -> dict[str, Any]:
     """The file's keys; rows and defaults, which are there in any case, after those of the file that it `extends`.
 
     Its place in a document is not that file's.
+
+    Args:
+        extending: those that extend it.
     """
+    if which in extending:
+        raise ValueError(f"{which} extends itself")
     file = Path(which) if which.endswith((".yaml", ".yml")) else FOLDER / f"{which}.yaml"
     if not file.is_file():
         raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
@@ -185,9 +194,9 @@ def _values(which: str) -> dict[str, Any]:
         raise ValueError(f"{file}: rows are a list, defaults are keys")
     if base is None:
         return {**values, "defaults": defaults, "rows": rows}
-    if base == which:
-        raise ValueError(f"{file} extends itself")
-    first = _values(base)
+    if not isinstance(base, str):
+        raise ValueError(f"{file}: extends is {base!r}, it must name an experiment")
+    first = _values(base, (*extending, which))
     first.pop("mark", None)
     return {**first, **values, "defaults": {**first["defaults"], **defaults}, "rows": [*first["rows"], *rows]}
 

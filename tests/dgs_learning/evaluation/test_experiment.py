@@ -67,7 +67,6 @@ def test_every_kind_of_value_is_read(tmp_path: Path) -> None:
     text = "text: t\ndefaults:\nrows:\n  - {name: a, condition: {friction: 0.6, noise: 2}, workspace: [1, 0.5]}\n"
     (row,) = read_experiment(written(tmp_path, text), {}).rows
     assert (row.condition.friction, row.condition.noise, row.workspace) == (0.6, 2, (1, 0.5))
-    assert read_experiment(written(tmp_path, "text: t\nrows:\n"), {}).rows == ()
 
 
 def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
@@ -108,12 +107,21 @@ def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
         ("text: t\nrows: [{name: a}, {name: b}, {name: a, seed: 1}]", "several rows are named 'a'"),
         ("text: t\nrows: {name: a}", "rows are a list"),
         ("text: t\nextends: luck", "no experiment named 'luck'"),
+        ("text: t\nextends: [robustness]", "extends is .'robustness'., it must name an experiment"),
+        ("text: t\nrows:\n", "mine.yaml: it has no rows"),
         ("nothing", "holds no keys"),
     ],
 )  # fmt: skip
 def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=said):
         read_experiment(written(tmp_path, text), {})
+
+
+def test_files_that_extend_one_another_are_refused(tmp_path: Path) -> None:
+    mine = written(tmp_path, f"text: t\nextends: {tmp_path}/other.yaml")
+    (tmp_path / "other.yaml").write_text(f"text: t\nextends: {mine}")
+    with pytest.raises(ValueError, match=r"mine\.yaml extends itself"):
+        read_experiment(mine, {})
 
 
 def test_every_row_is_run_with_every_file_of_weights() -> None:
