@@ -68,15 +68,16 @@ def success(good: int, tried: int) -> dict[str, Any]:
 
 
 def clearance(scenes: Sequence[tuple[int, int]]) -> dict[str, Any]:
-    """Clearance of scenes, given as (cleared, objects): pooled over all objects, and as the mean over scenes."""
+    """Clearance of scenes, of each (cleared, objects): pooled over objects, and as the mean over scenes with any."""
     cleared, objects = sum(c for c, _ in scenes), sum(n for _, n in scenes)
+    shares = [c / n for c, n in scenes if n]
     return {
         "scenes": len(scenes),
         "objects": objects,
         "cleared": cleared,
         "cr_pooled": cleared / max(1, objects),
         "cr_interval": wilson(cleared, objects),
-        "cr_scene_mean": float(np.mean([c / max(1, n) for c, n in scenes])) if scenes else 0.0,
+        "cr_scene_mean": float(np.mean(shares)) if shares else 0.0,
     }
 
 

@@ -112,6 +112,12 @@ def test_a_run_without_a_single_grasp_has_a_summary() -> None:
     assert summary["pd_mm"] == {}
 
 
+def test_a_scene_from_which_everything_rolled_away_counts_nothing() -> None:
+    lifted, empty = SceneResult(0, 1, 1, (record("success"),)), SceneResult(1, 0, 0, ())
+    assert [summarise([lifted, empty])[key] for key in ("cr_pooled", "cr_scene_mean")] == [1.0, 1.0]
+    assert summarise([empty])["cr_scene_mean"] == 0.0
+
+
 def test_spread_counts_deep_penetrations() -> None:
     row = spread([0.0, 1.0, 2.0, 5.0], deep=2.0)
     assert row["mean"] == pytest.approx(2.0)
