@@ -61,8 +61,11 @@ def publish(
         shipped = save_network(net, directory, name, notes)
         about = f"step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}..."
         typer.echo(f"{name}: {about} -> {directory}")
+        curve = curve_file(directory, name)
+        for stale in (curve, curve.with_suffix(".png")):  # of other weights
+            stale.unlink(missing_ok=True)
         if (run / "curve.csv").is_file():
-            shutil.copyfile(run / "curve.csv", curve_file(directory, name))
+            shutil.copyfile(run / "curve.csv", curve)
     of_default, own = paths.repository() / "docs" / "results", HAND.name != DEFAULT
     published = results or (of_default / HAND.name if own else of_default)
     card = write_card(directory, name, dataset or paths.dataset_file(), published)

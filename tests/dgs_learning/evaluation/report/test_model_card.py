@@ -96,6 +96,10 @@ def test_card_of_a_measured_model(tree: Path) -> None:
     assert cv2.imread(str(picture)).shape[1] > 500 and picture.stat().st_size < 120_000
     assert (tree / "models" / "tiny_curve.csv").read_text() == (tree / "run" / "curve.csv").read_text()
     assert "{{" not in text and "{%" not in text
+    (tree / "run" / "curve.csv").unlink()
+    _card(tree, str(tree / "run"))
+    assert "No curve of this training" in (tree / "models" / "README.md").read_text(), "of others is none"
+    assert not list((tree / "models").glob("tiny_curve.*"))
 
 
 def test_a_share_of_the_weights_that_are_there_may_be_kept(tree: Path) -> None:
