@@ -63,11 +63,11 @@ class ProblemFolder:
         Raises:
             DgsError: REQUEST_INVALID, something is missing in the folder.
         """
-        urdf, srdf, problems = folder / "ur5.urdf", folder / "ur5.srdf", folder / "problems"
-        for path in (urdf, srdf, problems):
-            if not path.exists():
+        urdf, srdf, requests = folder / "ur5.urdf", folder / "ur5.srdf", "problems/*/request*.yaml"
+        for wanted in (urdf.name, srdf.name, requests):
+            if not any(folder.glob(wanted)):
                 raise DgsError(
-                    ErrorCode.REQUEST_INVALID, f"{folder} holds no problems for paths: no {path.name}"
+                    ErrorCode.REQUEST_INVALID, f"{folder} holds no problems for paths: no {wanted}"
                 )
         self._model = pin.buildModelFromUrdf(str(urdf))
         self._robot = pin.buildGeomFromUrdf(
@@ -76,7 +76,8 @@ class ProblemFolder:
         self._links = len(self._robot.geometryObjects)
         self._robot.addAllCollisionPairs()
         pin.removeCollisionPairs(self._model, self._robot, str(srdf))
-        self._folders = {path.name.removesuffix("_ur5"): path for path in sorted(problems.iterdir())}
+        folders = sorted({path.parent for path in folder.glob(requests)})
+        self._folders = {path.name.removesuffix("_ur5"): path for path in folders}
         self.scenes = tuple(self._folders)
 
     def problems(self, scene: str, limit: int) -> Iterator[PathProblem]:

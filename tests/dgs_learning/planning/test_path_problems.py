@@ -91,6 +91,11 @@ def test_the_command_writes_what_it_measured(folder: Path) -> None:
 
 
 def test_a_folder_without_problems_is_refused(folder: Path) -> None:
+    problems = folder / "problems"
+    problems.rename(folder / "packed")
+    problems.mkdir()
+    (folder / "packed").rename(problems / "problems")  # unpacked one folder too deep
+    assert "no problems" in dgs(["bench-paths", str(folder)], code=2).output
     (folder / "ur5.srdf").unlink()
     with pytest.raises(DgsError, match=r"no ur5\.srdf"):
         ProblemFolder(folder)
