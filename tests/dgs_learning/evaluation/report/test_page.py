@@ -128,6 +128,12 @@ def test_the_page_is_self_contained_and_shows_failures_first(run_folder: Path, t
     assert shots == ["", "", "", " good", " good", " good"]
 
 
+def test_a_run_from_whose_table_everything_rolled_away_has_a_page(tmp_path: Path) -> None:
+    save_scene(tmp_path, SceneResult(0, 0, 0, ()), "1", [])
+    finish(tmp_path, SETTING, 1)
+    assert "(0 of 0 attempts)" in write_report([tmp_path], tmp_path / "r.html").read_text()
+
+
 def test_the_gallery_has_room_for_every_kind_of_failure(run_folder: Path) -> None:
     drawn = load_run(run_folder).gallery(4)
     assert [a.outcome for a in drawn] == ["missed", "slipped", NO_GRASP, "success"]
