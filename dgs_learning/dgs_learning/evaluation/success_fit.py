@@ -42,8 +42,9 @@ def judge(trials: Trials) -> dict[str, Any]:
     """How well scenes that a model has not seen are predicted, the trial's hardware and engine being known.
 
     Returns:
-        number of trials and scenes, share that held, area under the ROC curve of all and of parts, and the reliability
-        diagram: per tenth of the probability the number of trials, the mean prediction and the share that held.
+        number of trials and scenes, share that held, area under the ROC curve of all and of parts where some held and
+        some did not, and the reliability diagram: per tenth of the probability the number of trials, the mean
+        prediction and the share that held.
     """
     mean, deviation = trials.evidence.mean(axis=0), trials.evidence.std(axis=0) + 1e-6
     design, scenes = _design(trials, mean, deviation), np.unique(trials.scene)
@@ -58,7 +59,11 @@ def judge(trials: Trials) -> dict[str, Any]:
         "trials": len(of),
         "scenes": len(scenes),
         "held": round(float(trials.held.mean()), 4),
-        "auc": {name: round(area_under_curve(said[m], trials.held[m]), 4) for name, m in parts.items()},
+        "auc": {
+            name: round(area_under_curve(said[m], trials.held[m]), 4)
+            for name, m in parts.items()
+            if len(np.unique(trials.held[m])) == 2
+        },
         "reliability": [
             [int(m.sum()), round(float(said[m].mean()), 3), round(float(trials.held[m].mean()), 3)]
             for m in (place == k for k in range(BINS))
@@ -71,7 +76,7 @@ def area_under_curve(value: Array, held: NDArray[np.bool_]) -> float:
     """Share of the pairs of one that held and one that did not in which the former has the larger value."""
     good = int(held.sum())
     ranks = rankdata(value)[held].sum()
-    return float((ranks - good * (good + 1) / 2) / max(good * (len(held) - good), 1))
+    return float((ranks - good * (good + 1) / 2) / (good * (len(held) - good)))
 
 
 def _condition(worn: NDArray, mujoco: NDArray) -> Array:

@@ -57,6 +57,10 @@ def test_it_is_judged_on_scenes_that_it_has_not_seen() -> None:
     chance = np.random.default_rng(1).permutation(trials.held)
     blind = judge(Trials(trials.evidence, chance, trials.worn, trials.mujoco, trials.scene))
     assert abs(blind["auc"]["all"] - 0.5) < 0.06
+    new = judge(replace(trials, worn=np.zeros_like(trials.worn)))
+    assert "worn" in judged["auc"] and set(new["auc"]) == {"all", "new", "mujoco"}, (
+        "of no trials nothing is said"
+    )
 
 
 def test_area_under_the_curve() -> None:
@@ -76,6 +80,9 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     out = tmp_path / "model.json"
     dgs(["fit-success", str(tmp_path / "0"), "--out", str(out)])
     assert out.exists()
+    save_arrays(tmp_path / "0" / "00000.npz", vars(made_up(0)))
+    with pytest.raises(ValueError, match="no trials in"):
+        load_trials([tmp_path / "0"])
 
 
 def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path: Path) -> None:
