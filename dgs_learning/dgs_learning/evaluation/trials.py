@@ -77,7 +77,7 @@ def load_trials(folders: Sequence[Path]) -> Trials:
                 raise ValueError(f"{file} holds no trials")
             values["scene"] = values["scene"] + 1_000_000 * number
             found.append(Trials(**values))
-    if not found:
+    if not any(len(each.held) for each in found):
         raise ValueError(f"no trials in {', '.join(map(str, folders))}: make some with `dgs trials`")
     if any(each.evidence.shape[1] != len(EVIDENCE) for each in found):
         raise ValueError(f"trials of other evidence than the {len(EVIDENCE)} columns of this program")
