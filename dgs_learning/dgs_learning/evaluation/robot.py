@@ -69,7 +69,7 @@ def check_robot_row(row: Row) -> None:
     glass = Condition(transparent=row.condition.transparent, depth_from=row.condition.depth_from)
     if row.workspace != CELL.workspace_size or row.condition != glass:
         x, y = CELL.workspace_size
-        raise ValueError(f"with --arm camera and workspace are the cell's, {x:g} x {y:g} m")
+        raise ValueError(f"with --arm hardware, camera and workspace are the cell's, {x:g} x {y:g} m")
     if row.scenes > SEEDS_PER_RUN:
         raise ValueError(f"{row.scenes} scenes are too many: at most {SEEDS_PER_RUN}")
 

@@ -138,6 +138,7 @@ def test_scenes_depend_on_seed_and_number_alone() -> None:
         ({"ablate": "offset"}, "no ablation"),
         ({"workspace": (0.6, 0.6)}, "0.4 x 0.8 m"),
         ({"condition": Condition(noise=2)}, "camera and workspace are the cell's"),
+        ({"condition": Condition(worn=True)}, "with --arm hardware, camera"),
         ({"scenes": 1001}, "at most 1000"),
     ],
 )
