@@ -65,8 +65,7 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
     """What the camera saw, (N, 3) in the frame *table* [m], the pre-grasp shape in grey, the final hand in colour."""
     hands = []
     if attempt.executed:
-        ahead = attempt.motion if attempt.motion and attempt.source != "drag" else (0.0, 0.0, 0.0)
-        place = np.add(attempt.position, ahead)  # where the fingers close
+        place = np.add(attempt.position, attempt.motion or (0.0, 0.0, 0.0))  # where the fingers close
         T_table_tcp = transform(np.reshape(attempt.rotation, (3, 3)), place)
         azimuth = _beside(T_table_tcp)
         centre = T_table_tcp[:3, 3] - 0.02 * T_table_tcp[:3, 2]
