@@ -32,8 +32,9 @@ def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
             "objects": setting["objects"],
             "engine": setting.get("engine", "pybullet"),
             "condition": "worn" if setting.get("condition", {}).get("worn") else "new",
-            **{key: row[key] for key in ("proposers", "stages")},
+            **{key: row[key] for key in ("proposers", "stages", "scenes")},
             **{key: setting[key] for key in ("seed", "revision", "date")},
+            "model_sha256": setting.get("model_sha256", ""),
         }
         for kind, part in (("all", row), *row["per_kind"].items()):
             same = ("sr", "sr_interval", "attempts", "cr_interval", "pd_mm", "pv_mm3")
