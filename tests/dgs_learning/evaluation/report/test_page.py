@@ -23,7 +23,7 @@ from dgs_learning.evaluation.scene_world import Attempt, Moment, Outcome
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
 
-OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
+OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success", "pushed")
 
 
 def attempt(k: int, outcome: str) -> AttemptRecord:
@@ -122,6 +122,7 @@ def test_the_page_is_self_contained_and_shows_failures_first(run_folder: Path, t
         "4-6 objects (novel) in 0.4 x 0.8 m",
         "1234567890",
         "fingers in cloud: 4",
+        "(6 of 6 attempts and looks without a grasp)",
     ):
         assert expected in words
     shots = re.findall(r'<div class="shot( good)?">', text)
@@ -131,7 +132,7 @@ def test_the_page_is_self_contained_and_shows_failures_first(run_folder: Path, t
 def test_a_run_from_whose_table_everything_rolled_away_has_a_page(tmp_path: Path) -> None:
     save_scene(tmp_path, SceneResult(0, 0, 0, ()), "1", [])
     finish(tmp_path, SETTING, 1)
-    assert "(0 of 0 attempts)" in write_report([tmp_path], tmp_path / "r.html").read_text()
+    assert "(0 of 0 attempts and" in write_report([tmp_path], tmp_path / "r.html").read_text()
 
 
 def test_the_gallery_has_room_for_every_kind_of_failure(run_folder: Path) -> None:
