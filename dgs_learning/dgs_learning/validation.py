@@ -90,7 +90,8 @@ def check_alone(
     with FloatingHand(model, engine, must.friction if friction is None else friction) as hand:
         closed = hand.close(grasp, T_world_object)
         torques = hand.world.joints()[1]
-        stable = depth <= 1e3 * must.max_depth and closed.touching and hand.shake(must)
+        deep = depth > 1e3 * must.max_depth
+        stable = not deep and closed.touching and hand.shake(must)
     # Where the object is now, in the frame that it started in.
     T_before_after = grasp.pose @ inverse(closed.T_object_tcp)
     return Check(
@@ -98,7 +99,7 @@ def check_alone(
         model.shape_class,
         int(grasp.active_fingers.sum()),
         passed=stable,
-        how="stable" if stable else "gravity" if closed.touching else "closing",
+        how="stable" if stable else "penetration" if deep else "gravity" if closed.touching else "closing",
         penetration_mm=depth,
         shift_mm=1e3 * float(np.linalg.norm(T_before_after[:3, 3])),
         turn_deg=float(np.rad2deg(Rotation.from_matrix(T_before_after[:3, :3]).magnitude())),

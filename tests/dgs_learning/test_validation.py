@@ -13,7 +13,8 @@ from dgs_learning import validation
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.evaluation.report.templates import render
 from dgs_learning.parallel import Engine
-from dgs_learning.validation import draw, of_kind, validate
+from dgs_learning.synthesis.trial import RULES
+from dgs_learning.validation import check_alone, draw, of_kind, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 from tests.support.commands import dgs
 
@@ -49,6 +50,14 @@ def test_hands_beside_their_object_do_not_hold_and_hands_in_it_penetrate(tmp_pat
     assert validate(file, 1, 4, 0, Engine(1), tmp_path)["passed"] == 0
     save_dataset(file, replace(data, grasps=replace(data.grasps, position=np.zeros((len(data.grasps), 3)))))
     assert validate(file, 1, 3, 0, Engine(1), tmp_path)["penetration_mm"]["mean"] > 1
+
+
+def test_what_is_in_its_object_too_deep_is_not_said_to_have_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = small_dataset()
+    inside = replace(data.grasps[0], position=np.zeros(3))
+    monkeypatch.setitem(RULES, "shallow", replace(RULES["paper"], max_depth=0.001))
+    check = check_alone(0, data.objects[data.owner[0]], inside, [0], "pybullet", None, "shallow")
+    assert (check.how, check.passed) == ("penetration", False)
 
 
 def test_finished_checks_are_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
