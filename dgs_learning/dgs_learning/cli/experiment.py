@@ -90,8 +90,10 @@ def run_experiment(wanted: Experiment, folder: Path, workers: int, doc: Path | N
     """Run or finish every row in a folder of its own; print the table and put it into a document. Returns the rows."""
     from dgs_learning.evaluation.report.page import write_report
     from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
-    from dgs_learning.evaluation.run import run_row
+    from dgs_learning.evaluation.run import check_row, run_row
 
+    for row in wanted.rows:  # hours may pass until it is the last one's turn
+        check_row(row)
     summaries = []
     for row in wanted.rows:
         typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")

@@ -52,7 +52,6 @@ from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.records import claim, follow
 from dgs_learning.evaluation.robot import (
-    check_robot_row,
     finish_robot,
     scene_folder,
     scene_request,
@@ -282,7 +281,6 @@ def run_rehearsal(
     Args:
         workers: processes, 0 = one per core.
     """
-    check_robot_row(row)
     described = {"protocol": "robot", "rehearsal": True, **described}
     claim(folder, described)
     todo, done = todo_and_done(folder, row.scenes)

@@ -20,7 +20,6 @@ import yaml
 
 from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_grasp_planner.network.weights import read_info
 from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
@@ -115,16 +114,14 @@ def run_robot(
     """Run or finish the robot protocol and write `summary.json`.
 
     Args:
+        row: the robot can do it (`check_robot_row`).
         described: planner, objects and scenes, with their hashes.
         folder: results go here, one folder per finished scene.
 
     Raises:
-        ValueError: the robot cannot do this setting, or the folder belongs to another one.
-        DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
+        ValueError: the folder belongs to another setting.
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
-    check_robot_row(row)
-    read_info(row.models_dir, row.model)
     described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": TIME_LIMIT}
     described["overlap"] = row.overlap
     claim(folder, described)

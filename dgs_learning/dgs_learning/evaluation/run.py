@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dgs_description.paths import revision
+from dgs_grasp_planner.network.weights import read_info
 from dgs_learning.dataset import load_dataset
-from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.experiment import WITH_NETWORK, Row
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.proposers import planner_of
 from dgs_learning.evaluation.protocol import SceneResult, SceneRun, run_scene
@@ -32,20 +33,34 @@ from dgs_learning.evaluation.records import (
     write_attempts,
 )
 from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
-from dgs_learning.evaluation.robot import run_robot
+from dgs_learning.evaluation.robot import check_robot_row, run_robot
 from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part
 from dgs_learning.parallel import Engine
 from dgs_learning.training.views import View
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 
 
-def catalogue_of(row: Row) -> list[ObjectModel]:
-    """The objects that a row's scenes are drawn from."""
-    if row.objects == "dataset":
-        return load_dataset(row.dataset_file).objects
-    if row.objects in TEST_CATALOGUES:
-        return find_catalogue(row.objects)
-    return load_part(row.objects)
+def check_row(row: Row) -> list[ObjectModel]:
+    """The objects that a row's scenes are drawn from.
+
+    Raises:
+        ValueError: the robot cannot do this setting.
+        DgsError: the weights or the objects are missing or altered.
+    """
+    if row.arm:
+        check_robot_row(row)
+    if set(row.proposers) & set(WITH_NETWORK):
+        read_info(row.models_dir, row.model)
+    return _catalogue(row.objects, row.dataset_file)
+
+
+@cache
+def _catalogue(objects: str, dataset: Path) -> list[ObjectModel]:
+    if objects == "dataset":
+        return load_dataset(dataset).objects
+    if objects in TEST_CATALOGUES:
+        return find_catalogue(objects)
+    return load_part(objects)
 
 
 def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
@@ -60,11 +75,10 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
         the summary.
 
     Raises:
-        ValueError: the folder belongs to another setting, or the robot cannot do this one.
+        ValueError, DgsError: as of `check_row`; the folder belongs to another setting.
         SuiteFailed: the suite failed in a scene of the robot's.
-        DgsError: the weights or the objects are missing or altered.
     """
-    catalogue = catalogue_of(row)
+    catalogue = check_row(row)
     described = {
         **describe_planner(row),
         "objects": describe_catalogue(Path(row.objects).name, catalogue),

@@ -69,6 +69,8 @@ def test_other_arrays_are_no_dataset(tmp_path: Path) -> None:
             "no experiment named 'luck'; there are exam, glass, growth, labels, loss_chain",
         ),
         ("experiment loss_chain --only luck --out run", "no row named 'luck'; there are replay"),
+        ("experiment exam --out run", "no object catalogue"),  # of its last rows
+        ("experiment growth --weights none/none --out run", "108 WEIGHTS_MISSING"),
         ("trials --out run --scenes many", "'many' is neither a number nor a range"),
         ("trials --out run --scenes 20", "no scene is from 20 to before 20"),
         ("train --device gpu", "there is no device 'gpu'"),

@@ -19,7 +19,7 @@ from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.report.page import write_report
 from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.run import run_row
-from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, save_catalogue
+from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue, from_parts, save_catalogue
 from dgs_sim_bridge.world.world import World
 from tests.support.grasps import top_grasps
 from tests.support.refused import refused
@@ -51,7 +51,7 @@ def test_a_planner_that_cannot_be_loaded_is_no_result(tmp_path: Path) -> None:
         "none", weights=str(tmp_path / "none"), scenes=1, objects_per_scene=(1, 1), arm=True, rehearse=True
     )
     with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
-        run_row(row, tmp_path / "run")
+        rehearsal.run_rehearsal(find_catalogue("novel"), row, {}, tmp_path / "run", 1)
     assert not scene_folder(tmp_path / "run", 0).exists()
 
 
