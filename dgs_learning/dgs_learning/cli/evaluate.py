@@ -49,7 +49,7 @@ def evaluate(
     objects: Annotated[
         str,
         typer.Option(
-            help="novel, household, train, everyday, dataset (those with stored grasps), a catalogue file, or a folder "
+            help="novel, household, train, everyday, dataset (of --dataset), a catalogue file, or a folder "
             "in the import format; @train or @held_out behind it takes that part."
         ),
     ] = "novel",
@@ -69,7 +69,7 @@ def evaluate(
     ] = "none",
     model: Model = "dgs_net",
     models_dir: ModelsDir = None,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
+    dataset: Annotated[Path | None, typer.Option(help="Of stored grasps and their objects.")] = None,
     engine: Physics = "pybullet",
     friction: Friction = None,
     worn: Annotated[

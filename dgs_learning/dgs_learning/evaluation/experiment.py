@@ -37,7 +37,7 @@ class Row:
         ablate: what is taken away from every proposal, as in Table II: "pre_grasp" (fixed open hand) or "offset".
         weights: name of the network's weights in the models directory, or FOLDER/NAME.
         dataset: dataset file of the proposers that use stored grasps; empty = the shipped one.
-        objects: "novel", "household", "train", "everyday", "dataset" (those with stored grasps), a folder in the import
+        objects: "novel", "household", "train", "everyday", "dataset" (of that file), a folder in the import
             format, or a catalogue; `@train` or `@held_out` behind it takes that part of it (see `load_part`).
         objects_per_scene: smallest and largest number; workspace: extent in x and y [m].
         scenes: number of scenes; seed: the same seed gives the same scenes in every row.
