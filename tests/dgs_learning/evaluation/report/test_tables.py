@@ -95,6 +95,16 @@ def test_rows_of_the_exam_say_what_they_are_of() -> None:
     assert all(known.items() <= row.items() for row in rows)
 
 
+def test_the_exam_tells_no_success_of_what_was_not_tried() -> None:
+    result = result_of(Row("one", text="novel, PyBullet")) | {"by_kind": True}
+    (row,) = result["rows"]
+    row["per_kind"]["low"] |= {"objects": 3, "cr_interval": (0.0, 0.56)}
+    row["per_kind"]["wide"] |= {"objects": 1, "attempts": 2, "sr": 0.5, "sr_interval": (0.1, 0.9)}
+    row["setting"]["objects"]["sha256"] = "ff"
+    cells = experiment_table(result).splitlines()[2].split(" | ")
+    assert cells[2:5] == ["–", "– / 0.0 (0.0–56.0) of 3", "50.0 (10.0–90.0) / 0.0 (0.0–100.0) of 1"]
+
+
 def test_a_result_goes_to_a_file_and_from_there_between_the_marks_of_a_document(tmp_path: Path) -> None:
     file, page = tmp_path / "results" / "chain.json", tmp_path / "page.md"
     write_json(file, result_of(Row("one", text="text of one")))
