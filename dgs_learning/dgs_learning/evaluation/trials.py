@@ -24,8 +24,9 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
+from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.protocol import Setting, draw_scene, plan
-from dgs_learning.evaluation.provenance import describe_catalogue
+from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_learning.made_from import mark_folder
 from dgs_learning.objects.catalogue import load_part
@@ -153,11 +154,13 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
         folder: one file per scene.
 
     Raises:
-        DgsError: REQUEST_INVALID: the folder holds trials of other objects or another seed.
+        DgsError: REQUEST_INVALID: the folder holds trials of other objects, another seed or other weights.
     """
     folder.mkdir(parents=True, exist_ok=True)
     catalogue = load_part(objects)
-    mark_folder(folder, {"objects": describe_catalogue(objects, catalogue)["sha256"], "seed": seed})
+    planner = describe_planner(Row("trials"))
+    weights = {key: planner[key] for key in ("model_sha256", "shape_completion_sha256")}
+    mark_folder(folder, {"objects": describe_catalogue(objects, catalogue)["sha256"], "seed": seed, **weights})
     todo = [n for n in range(*scenes) if not (folder / f"{n:05d}.npz").exists()]
     running = engine.run(_one, ((catalogue, seed, n, folder) for n in todo))
     return sum(tqdm(running, total=len(todo), unit="scene"))

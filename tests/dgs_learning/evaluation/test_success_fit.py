@@ -85,7 +85,9 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
         load_trials([tmp_path / "0"])
 
 
-def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path: Path) -> None:
+def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file, folder = tmp_path / "objects.npz", tmp_path / "trials"
     save_catalogue(file, [rod("rod")])
     for _ in range(2):
@@ -94,6 +96,11 @@ def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path
         run_trials(str(file), (0, 0), 2, folder, Engine(1))
     save_catalogue(file, [replace(rod("rod"), mass=0.2)])
     with refused(ErrorCode.REQUEST_INVALID, "objects"):
+        run_trials(str(file), (0, 0), 1, folder, Engine(1))
+    save_catalogue(file, [rod("rod")])
+    own = {"model_sha256": "other", "shape_completion_sha256": ""}
+    monkeypatch.setattr("dgs_learning.evaluation.trials.describe_planner", lambda row: own)
+    with refused(ErrorCode.REQUEST_INVALID, "model_sha256"):
         run_trials(str(file), (0, 0), 1, folder, Engine(1))
 
 
