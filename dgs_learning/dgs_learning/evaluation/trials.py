@@ -160,7 +160,9 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
     catalogue = load_part(objects)
     planner = describe_planner(Row("trials"))
     weights = {key: planner[key] for key in ("model_sha256", "shape_completion_sha256")}
-    mark_folder(folder, {"objects": describe_catalogue(objects, catalogue)["sha256"], "seed": seed, **weights})
+    mark_folder(
+        folder, {"objects": describe_catalogue(objects, catalogue)["sha256"], "seed": seed, **weights}
+    )
     todo = [n for n in range(*scenes) if not (folder / f"{n:05d}.npz").exists()]
     running = engine.run(_one, ((catalogue, seed, n, folder) for n in todo))
     return sum(tqdm(running, total=len(todo), unit="scene"))
