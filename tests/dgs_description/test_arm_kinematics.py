@@ -124,6 +124,7 @@ WRONG = {
     "cannot be read \\(KeyError: 'hash'": lambda links: links.pop("hash"),
     "cannot be read \\(KeyError: 'yaw'": lambda links: links["forearm"].pop("yaw"),
     "cannot be read \\(ValueError": lambda links: links["forearm"].update(x="long"),
+    "cannot be read \\(OverflowError": lambda links: links["forearm"].update(x=10**400),
     "cannot be read \\(TypeError": lambda links: links.update(forearm=None),
     "numbers that are not finite": lambda links: links["shoulder"].update(z=float("nan")),
     "of another robot: wrist_2 is 12": _shift,
@@ -152,6 +153,8 @@ def test_text_that_is_no_calibration_is_refused(text: str, tmp_path: Path) -> No
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with refused(ErrorCode.DESCRIPTION_MISSING, f"in {CHOICE}, or unset it"):
         read_kinematics(tmp_path / "none.yaml")
+    with refused(ErrorCode.PARAMETER_INVALID, "cannot be read .OSError"):
+        read_kinematics(tmp_path / ("long" * 100))
 
 
 def test_all_that_knows_the_arm_takes_the_file(tmp_path: Path) -> None:

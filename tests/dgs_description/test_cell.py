@@ -147,6 +147,8 @@ def test_a_cell_that_cannot_be_is_refused(tmp_path: Path, content: object, sente
 def test_a_missing_file_ends_every_program_with_a_sentence(tmp_path: Path) -> None:
     with refused(ErrorCode.DESCRIPTION_MISSING, "no cell at"):
         load_cell(tmp_path / "none.yaml")
+    with refused(ErrorCode.PARAMETER_INVALID, "cannot be read"):
+        load_cell(tmp_path / ("long" * 100))
     ended = run(tmp_path / "none.yaml", sys.executable, "-c", "import dgs_description.cell")
     assert ended.returncode == 2 and ended.stderr.startswith(f"{CHOICE}: no cell at")
 

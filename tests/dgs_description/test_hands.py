@@ -296,10 +296,11 @@ def test_a_wrong_file_is_refused_with_its_place(words: str, tmp_path: Path) -> N
         load_hand(folder)
 
 
-def test_text_that_is_no_yaml_is_refused(tmp_path: Path) -> None:
+def test_text_that_is_no_yaml_and_a_folder_that_cannot_be_looked_into_are_refused(tmp_path: Path) -> None:
     (tmp_path / FILE).write_text("name: [")
-    with refused(ErrorCode.PARAMETER_INVALID, "cannot be read"):
-        load_hand(tmp_path)
+    for folder in (tmp_path, tmp_path / ("long" * 100)):
+        with refused(ErrorCode.PARAMETER_INVALID, "cannot be read"):
+            load_hand(folder)
 
 
 def test_penetration_knows_every_finger_of_its_own() -> None:

@@ -73,14 +73,14 @@ def read_kinematics(path: Path) -> ArmKinematics:
     Raises:
         DgsError: DESCRIPTION_MISSING, there is no such file; PARAMETER_INVALID, it is not what `ur_calibration` writes.
     """
-    if not path.is_file():
-        cure = f"name the file of ur_calibration in {CHOICE}, or unset it"
-        raise DgsError(ErrorCode.DESCRIPTION_MISSING, f"no arm kinematics at {path}: {cure}")
     try:
         links = yaml.safe_load(path.read_text(encoding="utf-8"))["kinematics"]
         table = np.array([[float(links[link][value]) for value in _VALUES] for link in LINKS])
         name = str(links["hash"])
-    except (yaml.YAMLError, UnicodeDecodeError, OSError, KeyError, TypeError, ValueError) as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
+        cure = f"name the file of ur_calibration in {CHOICE}, or unset it"
+        raise DgsError(ErrorCode.DESCRIPTION_MISSING, f"no arm kinematics at {path}: {cure}") from error
+    except (yaml.YAMLError, OSError, KeyError, TypeError, ValueError, OverflowError) as error:
         wanted = f"needed are kinematics: {', '.join(LINKS)}, each with {', '.join(_VALUES)}, and hash"
         raise _refuse(f"{path} cannot be read ({type(error).__name__}: {error}); {wanted}") from error
     if not np.isfinite(table).all():

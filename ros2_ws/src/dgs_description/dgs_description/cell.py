@@ -251,12 +251,11 @@ def _without(text: str, names: Collection[str]) -> str:
 
 
 def _read(path: Path) -> dict[Any, Any]:
-    if not path.is_file():
-        raise DgsError(
-            ErrorCode.DESCRIPTION_MISSING, f"no cell at {path}: name its file in {CHOICE}, or unset it"
-        )
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError) as error:
+        missing = f"no cell at {path}: name its file in {CHOICE}, or unset it"
+        raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing) from error
     except (OSError, ValueError, OverflowError, yaml.YAMLError) as error:
         raise _refuse(path, f"cannot be read: {error}") from error
     if content is None:

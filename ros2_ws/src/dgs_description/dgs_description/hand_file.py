@@ -48,12 +48,12 @@ def load_hand(name: str | Path) -> HandModel:
     """
     folder = Path(name) if "/" in str(name) else HANDS / str(name)
     path = folder / FILE
-    if not path.is_file():
-        known = f"{', '.join(hand_names())}, or a folder of your own by its path, such as ./{folder.name}"
-        missing = f"no hand {str(name)!r}: {path} is missing; there are {known}"
-        raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing)
     try:
         return hand_of(yaml.safe_load(path.read_text(encoding="utf-8")), folder.resolve().name)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        known = f"{', '.join(hand_names())}, or a folder of your own by its path, such as ./{folder.name}"
+        missing = f"no hand {str(name)!r}: {path} is missing; there are {known}"
+        raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing) from error
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         raise DgsError(ErrorCode.PARAMETER_INVALID, f"{path} cannot be read: {error}") from error
     except ValueError as error:
