@@ -212,3 +212,9 @@ def test_the_stance_of_a_folder_beside_one_is_printed(
     monkeypatch.setattr(sys, "argv", ["hand_stance", "nobody's"])
     with pytest.raises(SystemExit, match="^11: no hand"):
         hand_stance.main()
+    far = yaml.safe_load((tmp_path / "dexhand_021" / FILE).read_text())
+    far["fingers"]["thumb"]["place"][0] = 0.5
+    (tmp_path / "dexhand_021" / FILE).write_text(yaml.safe_dump(far, sort_keys=False))
+    monkeypatch.setattr(sys, "argv", ["hand_stance", "dexhand_021"])
+    with pytest.raises(SystemExit, match="^dexhand_021: thumb and fingers meet nowhere"):
+        hand_stance.main()

@@ -51,6 +51,9 @@ def best_stance(hand: HandModel) -> Stance:
 
     Args:
         hand: its own approach, TCP and fingertip constraints do not count.
+
+    Raises:
+        ValueError: thumb and fingers meet nowhere.
     """
     hand = replace(hand, T_base_tcp=np.eye(4))
     tried = _Postures(hand)
@@ -150,11 +153,13 @@ def main() -> None:
     """Print what belongs into FOLDER/hand.yaml."""
     parser = ArgumentParser(description="Print what a hand's folder says about approach, TCP and fingertips.")
     parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
     try:
-        hand = load_hand(parser.parse_args().folder.resolve())
+        found = best_stance(load_hand(folder.resolve()))
     except DgsError as error:
         sys.exit(f"{int(error.code)}: {error.message}")
-    found = best_stance(hand)
+    except ValueError as error:
+        sys.exit(f"{folder}: {error}")
     print(f"# tips {1e3 * found.ahead:.0f} mm ahead of palm and knuckles")
     told: dict[str, Any] = {"grasp": {}}
     put(told, found)
