@@ -99,6 +99,18 @@ def test_fingers_that_count_down_and_pads_beside_their_tip_change_nothing(tmp_pa
     assert any("counted the other way round" in line and "thumb_joint2" in line for line in told)
 
 
+def test_limits_that_a_urdf_leaves_out_are_those_of_its_format(tmp_path: Path) -> None:
+    known, _ = import_hand(urdf_of("dexhand_pro"), "mine")
+    path, text = tmp_path / "short.urdf", urdf_of("dexhand_pro").read_text()
+    path.write_text(text.replace('<limit lower="0" ', "<limit "))
+    assert '<limit upper="' in path.read_text() and import_hand(path, "mine")[0] == known
+    path.write_text(
+        text.replace('name="ring_joint1" type="revolute"', 'name="ring_joint1" type="continuous"')
+    )
+    joint = import_hand(path, "mine")[0]["fingers"]["ring"]["joints"][0]
+    assert (joint["lower"], joint["upper"]) == (-np.pi, np.pi)
+
+
 def test_a_first_joint_that_turns_a_short_finger_stays_the_first(tmp_path: Path) -> None:
     text = urdf_of("dexhand_pro").read_text()
     place = text.index('<joint name="thumb_joint2"')

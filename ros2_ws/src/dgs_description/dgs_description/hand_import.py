@@ -198,7 +198,8 @@ def _joint(joint: ElementTree.Element, pose: Array) -> _Joint:
     if mimic is not None and float(mimic.get("offset", 0.0)):
         coupled = f"{joint.get('name')} follows {mimic.get('joint')} with an offset"
         raise ValueError(f"{coupled}, which a hand.yaml cannot say")
-    lower, upper = float(limits.get("lower", -np.pi)), float(limits.get("upper", np.pi))
+    free = limit is None or joint.get("type") == "continuous"
+    lower, upper = (-np.pi, np.pi) if free else (float(limits.get(end, 0.0)) for end in ("lower", "upper"))
     length = float(np.linalg.norm(direction))
     if length < 1e-6:
         raise ValueError(f"the joint {joint.get('name')} has an axis of no length")
