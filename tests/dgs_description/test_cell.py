@@ -123,6 +123,7 @@ def test_camera_link_looks_along_its_x_axis() -> None:
         ({"table_height": True}, "must be a finite number"),
         ({"home": [-100, -110, 100, -80, -90, 0]}, "home is beyond .* the unit is radians"),
         ({"camera_elevation": 62.0}, "the unit is radians"),
+        ({"camera_distance": 100.0}, "over 10 m away; the unit is metres"),
         ({"camera_position": [0.7, 0.0, 0.7]}, "go together"),
         (
             {"camera_position": [0, 0, 1], "camera_quaternion_xyzw": [0, 0, 0, 1]},

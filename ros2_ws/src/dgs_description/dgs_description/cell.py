@@ -35,7 +35,7 @@ from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 CHOICE = "DGS_CELL"
 MAX_DISTANCE = 10.0
-"""A camera farther than this from the robot is taken for a wrong unit [m]."""
+"""A camera farther than this from robot or workspace is taken for a wrong unit [m]."""
 QUATERNION_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1: rounding in a hand-written file, not a slip."""
 
@@ -120,21 +120,21 @@ class Cell:
             raise ValueError("home is beyond the arm's joint limits; the unit is radians")
         if not 0.0 < self.camera_elevation < np.pi / 2:
             raise ValueError("camera_elevation must lie between 0 and pi / 2; the unit is radians")
+        if max(self.camera_distance, math.hypot(*(self.camera_position or ()))) > MAX_DISTANCE:
+            raise ValueError(f"the camera is over {MAX_DISTANCE:g} m away; the unit is metres")
         if self.optical_frame in (BASE_LINK, CAMERA_LINK):
             raise ValueError(
                 f"optical_frame cannot be {self.optical_frame}: its axes are x right, y down, z forward"
             )
         if (self.camera_position is None) != (self.camera_quaternion_xyzw is None):
             raise ValueError("camera_position and camera_quaternion_xyzw go together")
-        if self.camera_position is not None and self.camera_quaternion_xyzw is not None:
-            self._check_camera(self.camera_position, self.camera_quaternion_xyzw)
+        if self.camera_quaternion_xyzw is not None:
+            self._check_camera(self.camera_quaternion_xyzw)
 
-    def _check_camera(self, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+    def _check_camera(self, quaternion: tuple[float, ...]) -> None:
         norm = math.hypot(*quaternion)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             raise ValueError(f"camera_quaternion_xyzw has the norm {norm:.4f}; it must be 1")
-        if math.hypot(*position) > MAX_DISTANCE:
-            raise ValueError(f"the camera is over {MAX_DISTANCE:g} m away; the unit is metres")
         centre = apply(inverse(self.T_base_camera_optical), self.T_base_table[None, :3, 3])[0]
         if centre[2] <= 0.0:
             raise ValueError(
