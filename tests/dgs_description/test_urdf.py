@@ -18,12 +18,13 @@ import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
 
-from dgs_description import arm_model, joints, urdf
-from dgs_description.cell import CELL
+from dgs_description import arm_model, joints, urdf, urdf_parts
+from dgs_description.cell import CELL, Cell
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, HAND_TCP, TOOL0, from_quaternion, inverse
 from dgs_description.hand import CHOICE, DEFAULT, HAND
 from dgs_description.hand_file import LINKS
+from dgs_description.link_tree import LinkTree
 from tests.support.refused import refused
 
 PACKAGE = Path(urdf.__file__).parent
@@ -260,6 +261,14 @@ def test_camera_stands_where_the_cell_says() -> None:
     for robot in (PinocchioRobot("cell"), BulletRobot("surroundings")):
         robot.frames({})
         np.testing.assert_allclose(robot.frame(CAMERA_OPTICAL), CELL.T_base_camera_optical, rtol=0, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_camera_may_look_straight_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    down = Cell(camera_position=(0.3, 0.0, 0.8), camera_quaternion_xyzw=(1.0, 0.0, 0.0, 0.0))
+    monkeypatch.setattr(urdf_parts, "CELL", down)
+    poses = LinkTree(urdf_parts.surroundings()).poses({})
+    np.testing.assert_allclose(poses[CAMERA_OPTICAL], down.T_base_camera_optical, atol=1e-12)
 
 
 def test_surroundings_stand_where_the_cell_says() -> None:

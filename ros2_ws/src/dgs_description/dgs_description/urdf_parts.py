@@ -42,7 +42,8 @@ def vector(values: NDArray[np.float64]) -> Vector:
 
 def _origin(T_parent_child: NDArray[np.float64]) -> tuple[Vector, Vector]:
     """xyz [m] and fixed-axis rpy [rad] of a (4, 4) transform."""
-    return vector(T_parent_child[:3, 3]), vector(Rotation.from_matrix(T_parent_child[:3, :3]).as_euler("xyz"))
+    turn = Rotation.from_matrix(T_parent_child[:3, :3])
+    return vector(T_parent_child[:3, 3]), vector(turn.as_euler("xyz", suppress_warnings=True))
 
 
 def arm() -> Robot:
