@@ -250,6 +250,15 @@ def _pattern(file: dict, *fingers: str) -> None:
     file["grasp"]["patterns"][0] = list(fingers)
 
 
+def _level(file: dict, fingers: list[str]) -> None:
+    level = {"fingers": fingers, "thumb_between": ["index"], "thumb_shift": 0.0, "lean": 0.0}
+    file["grasp"]["level_pinch"] = level
+
+
+def _push(file: dict, fingers: list[str], bend: list[float]) -> None:
+    file["grasp"]["push"] = {"fingers": fingers, "bend": bend}
+
+
 WRONG = {
     "fingers.thumb.palmar points along the finger": lambda f: f["fingers"]["thumb"].update(palmar=[0, 1, 0]),
     "lacks 'tcp'": lambda f: f.pop("tcp"),
@@ -275,6 +284,11 @@ WRONG = {
     "links.knuckle has unknown keys: radius": lambda f: f["links"]["knuckle"].update(radius=0.01),
     "grasp.stiffness[0] must be a finite number of at least": lambda f: f["grasp"].update(stiffness=[0, 5, 2, 2]),
     "joints[1].ratio must not be 0": lambda f: f["joints"][1].update(follows="joint3", ratio=0),
+    "joints[1].ratio needs a `follows`": lambda f: f["joints"][1].update(ratio=0.5),
+    "joints[3].at goes with nothing else": lambda f: f["joints"][3].update(at=0.1),
+    "level_pinch.fingers must name the thumb and another": lambda f: _level(f, ["index", "middle"]),
+    "push.fingers must name two": lambda f: _push(f, ["index", "index"], [0, 0, 0, 0]),
+    "push.bend is beyond the limits of joint2 of ring": lambda f: _push(f, ["index", "ring"], [0, 0, 0.5, 2.0]),
     "joints[3] must be a mapping": lambda f: f["joints"].__setitem__(3, None),
     "palm.boxes must name one box at least": lambda f: f["palm"].update(boxes=[]),
     "palm.boxes[0] must be x0, x1": lambda f: f["palm"].update(boxes=[[0.02, -0.02, -0.05, 0.05, -0.09, 0.0]]),

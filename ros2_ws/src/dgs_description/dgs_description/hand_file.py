@@ -112,7 +112,7 @@ def hand_of(contents: Any, name: str) -> HandModel:
         palm=_link(palm),
         palm_boxes=_boxes(palm["boxes"]),
         links=tuple(_link(links[link]) for link in LINKS),
-        grasp=_grasp(file["grasp"], fingers),
+        grasp=_grasp(file["grasp"], fingers, lower[1::JOINTS_PER_FINGER], upper[1::JOINTS_PER_FINGER]),
         protocol=_protocol(file),
     )
 
@@ -259,6 +259,8 @@ class _Finger:
     def _joint(self, k: int, joint: _Node) -> None:
         joint.of(["lower", "upper", "effort", "follows", "ratio", "at"])
         if "at" in joint.value:
+            if len(joint.value) > 1:
+                raise joint["at"].wrong("goes with nothing else: the joint does not move")
             self.lower[k] = self.upper[k] = joint["at"].number()
             self.locked[k], self.effort[k] = True, LOCK_TORQUE
             return
@@ -272,6 +274,8 @@ class _Finger:
             self.follows[k] = joint["follows"], joint.get("ratio", _Node(1.0, "ratio")).number()
             if not self.follows[k][1]:
                 raise joint["ratio"].wrong("must not be 0; a joint that does not move says `at`")
+        elif "ratio" in joint.value:
+            raise joint["ratio"].wrong("needs a `follows`")
 
 
 def _step(length: _Node) -> Array:
@@ -295,7 +299,8 @@ def _capsule(link: _Node, common: _Node) -> Capsule:
     return Capsule(radius, start, end, link.get("height", common["height"]).number())
 
 
-def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
+def _grasp(node: _Node, fingers: tuple[str, ...], lower: Array, upper: Array) -> GraspFacts:
+    """`lower`, `upper`: (F,) limits of joint2 [rad]."""
     count = len(fingers)
     node.of([field.name for field in fields(GraspFacts)])
 
@@ -315,13 +320,21 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
         between = tuple(name.one_of(fingers) for name in facts["thumb_between"].items())
         if not between:
             raise facts["thumb_between"].wrong("must name one finger at least")
-        level = LevelPinch(
-            mask(facts["fingers"]), between, facts["thumb_shift"].number(), facts["lean"].number()
-        )
+        active = mask(facts["fingers"])
+        if not active[0] or active.sum() < 2:
+            raise facts["fingers"].wrong("must name the thumb and another finger at least")
+        level = LevelPinch(active, between, facts["thumb_shift"].number(), facts["lean"].number())
     if "push" in node.value:
-        node["push"].of(["fingers", "bend"])
-        first, second = (name.one_of(fingers) for name in node["push"]["fingers"].items(2))
-        push = ((first, second), node["push"]["bend"].numbers(count))
+        facts = node["push"]
+        facts.of(["fingers", "bend"])
+        first, second = (name.one_of(fingers) for name in facts["fingers"].items(2))
+        if first == second:
+            raise facts["fingers"].wrong("must name two fingers")
+        bend = facts["bend"].numbers(count)
+        beyond = np.flatnonzero((bend < lower - 1e-9) | (bend > upper + 1e-9))
+        if len(beyond):
+            raise facts["bend"].wrong(f"is beyond the limits of joint2 of {fingers[beyond[0]]}")
+        push = ((first, second), bend)
     return GraspFacts(
         widest=node["widest"].number(0.01),
         pre_grasp=node["pre_grasp"].numbers(JOINTS_PER_FINGER),
