@@ -317,6 +317,22 @@ def test_text_that_is_no_yaml_and_a_folder_that_cannot_be_looked_into_are_refuse
             load_hand(folder)
 
 
+def test_a_hand_whose_thumb_cannot_be_at_zero_pushes_within_its_limits(tmp_path: Path) -> None:
+    code = """
+import numpy as np
+from dgs_description.hand import HAND
+from dgs_grasp_planner.propose.push import _pushing_hand
+joints = _pushing_hand().joints
+assert HAND.lower[0] > 0 and (HAND.lower <= joints).all() and (joints <= HAND.upper).all(), joints
+assert HAND.split(joints)[:, 1].tolist() == [0.0, 0.1, 0.5, 0.1], joints
+"""
+    file = yaml.safe_load((HANDS / "allegro" / FILE).read_text())
+    _push(file, ["index", "ring"], [0.0, 0.1, 0.5, 0.1])
+    (tmp_path / "allegro").mkdir()
+    (tmp_path / "allegro" / FILE).write_text(yaml.safe_dump(file, sort_keys=False))
+    in_process_of(tmp_path / "allegro", code)
+
+
 def test_penetration_knows_every_finger_of_its_own() -> None:
     code = """
 import numpy as np

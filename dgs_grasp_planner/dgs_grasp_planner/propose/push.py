@@ -21,7 +21,6 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, Floats, HeightField
 from dgs_grasp_planner.contact.shape import Shape, near_side
 from dgs_grasp_planner.propose import edge_pinch, level_pinch
@@ -306,10 +305,11 @@ class _Hand(NamedTuple):
 
 @cache
 def _pushing_hand() -> _Hand:
-    joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
+    joints = HAND.split(HAND.straight).copy()
     joints[:, 1] = _BEND
+    joints = HAND.expand(HAND.reduce(joints.reshape(HAND.joint_count)))
     balls = HAND.end_balls(joints)[list(PUSHING)]
-    return _Hand(joints.reshape(HAND.joint_count), HAND.finger_spheres(joints), balls, HAND.palm_points())
+    return _Hand(joints, HAND.finger_spheres(joints), balls, HAND.palm_points())
 
 
 @lru_cache(maxsize=256)
