@@ -45,7 +45,7 @@ from dgs_description.frames import BASE_LINK, Array
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.base_node import LATCHED, DgsNode, end_goal
+from dgs_ros.base_node import LATCHED, DgsNode, check_topic, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
@@ -68,6 +68,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Load the robot's model, subscribe to its state, offer the action and the services."""
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
+        arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
+        check_topic(self, "controller_name", arm_action)
         stopped = self.create_publisher(Bool, "/dgs/stopped", LATCHED)
         self._watch = RobotWatch(
             lambda: self.get_clock().now().nanoseconds * 1e-9,
@@ -83,7 +85,6 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._felt = -np.inf
         self._turns = Turns()
         group = ReentrantCallbackGroup()
-        arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         arm = SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group)
         hand = SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group)
         service = given.payload_service

@@ -16,8 +16,10 @@ from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import Grasp, PickPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from rclpy.parameter import Parameter
 from tf2_msgs.msg import TFMessage
 
+from dgs_arm_executor.arm_executor_node import ArmExecutorNode
 from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, apply, inverse
@@ -37,6 +39,7 @@ from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
 from tests.support.environment import free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
+from tests.support.refused import refused
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -85,6 +88,17 @@ def bench(cell: Cell) -> Iterator[Cell]:
     cell.sim.wait_ready(lambda: np.abs(cell.arm() - HOME_ARM).max() < 0.02)
     yield cell
     cell.fault("clear")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("controller_name", "my arm"), ("controller_name", ""), ("payload_service", "/set-payload")],
+)
+def test_names_that_ros_does_not_take_are_refused(ros_client: RosClient, name: str, value: str) -> None:
+    with refused(ErrorCode.PARAMETER_INVALID, f"'{name}': .*must not contain"):
+        ArmExecutorNode(
+            context=ros_client.node.context, parameter_overrides=[Parameter(name, value=value)]
+        ).destroy_node()
 
 
 def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> None:

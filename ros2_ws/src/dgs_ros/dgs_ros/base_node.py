@@ -80,8 +80,8 @@ class DgsNode(Node, Generic[P]):
         """Declare the fields that `dgs_description.parameters.parameter` made; other arguments are of `Node`.
 
         Raises:
-            DgsError: PARAMETER_INVALID: an unknown name, a wrong type, a value out of bounds or a topic that cannot be
-                one was given.
+            DgsError: PARAMETER_INVALID: an unknown name, a wrong type, a value out of bounds, or a topic or service
+                that cannot be one was given.
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
@@ -208,8 +208,10 @@ class DgsNode(Node, Generic[P]):
         hints = get_type_hints(kind)
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
-            if name.endswith(("_topic", "topics")):
-                _check_topics(self, name, value, may_lack="empty" in constraints_of(field).description)
+            if name.endswith(("_topic", "topics", "_service")):
+                may_lack = "empty" in constraints_of(field).description  # a single one
+                for topic in value if isinstance(value, tuple) else (value,) * (bool(value) or not may_lack):
+                    check_topic(self, name, topic)
             if value == ():
                 self._declare_empty(name, field, hints[name])
             else:
@@ -224,14 +226,13 @@ class DgsNode(Node, Generic[P]):
         self.set_descriptor(name, descriptor, ParameterValue(type=descriptor.type))
 
 
-def _check_topics(node: Node, name: str, value: str | tuple[str, ...], may_lack: bool) -> None:
-    """Refuse names that ROS does not take; with `may_lack` a single one may be empty: there is no such topic then."""
-    for topic in value if isinstance(value, tuple) else (value,) * (bool(value) or not may_lack):
-        try:
-            validate_full_topic_name(expand_topic_name(topic, node.get_name(), node.get_namespace()))
-        except (ValueError, NameValidationException) as error:
-            said = " ".join(str(error).partition(", at ")[0].strip(" \n^").split())
-            raise DgsError(ErrorCode.PARAMETER_INVALID, f"parameter {name!r}: {said}") from error
+def check_topic(node: Node, parameter: str, topic: str) -> None:
+    """Raise DgsError PARAMETER_INVALID where ROS does not take a parameter's name for a topic, service or action."""
+    try:
+        validate_full_topic_name(expand_topic_name(topic, node.get_name(), node.get_namespace()))
+    except (ValueError, NameValidationException) as error:
+        said = " ".join(str(error).partition(", at ")[0].strip(" \n^").split())
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"parameter {parameter!r}: {said}") from error
 
 
 def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
