@@ -84,6 +84,18 @@ def test_what_follows_narrows_the_limits_of_what_it_follows() -> None:
         hand_of(file, "dexhand_021")
 
 
+def test_the_open_hand_is_within_the_limits_that_what_follows_leaves() -> None:
+    file = yaml.safe_load((HANDS / "dexhand_021" / FILE).read_text())
+    file["joints"][0] |= {"lower": 0.1, "upper": 0.5}
+    for finger in ("index", "ring", "little"):
+        del file["fingers"][finger]["spread"]
+    hand = hand_of(file, "dexhand_021")
+    assert hand.split(hand.open_hand)[1, 0] == pytest.approx(-0.1)
+    file["fingers"]["index"]["spread"] = -0.55
+    with pytest.raises(ValueError, match="fingers.index.spread lies outside of joint1's limits"):
+        hand_of(file, "dexhand_021")
+
+
 def test_one_motor_spreads_three_fingers() -> None:
     hand = load_hand("dexhand_021")
     q = hand.split(hand.expand(np.where(np.array(hand.driven_joints) == "index_joint1", -0.3, 0.0)))

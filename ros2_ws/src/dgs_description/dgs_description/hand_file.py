@@ -82,6 +82,7 @@ def hand_of(contents: Any, name: str) -> HandModel:
         raise file["joints"].wrong("has a joint that follows one that follows another")
     lower, upper = (np.concatenate([getattr(part, end) for part in parts]) for end in ("lower", "upper"))
     _narrow(lower, upper, source, ratio, joints)
+    yaws = np.stack([lower, upper], axis=1)[::JOINTS_PER_FINGER].tolist()
     palm, links = file["palm"], file["links"]
     palm.of(["mass", "centre_of_mass", "boxes"])
     links.of(LINKS)
@@ -106,7 +107,7 @@ def hand_of(contents: Any, name: str) -> HandModel:
         bases=np.stack([part.pose for part in parts]),
         axes=np.stack([part.axes for part in parts]),
         steps=np.stack([part.steps for part in parts]),
-        spread=np.array([part.spread for part in parts]),
+        spread=np.array([_spread(file["fingers"][f], *yaw) for f, yaw in zip(fingers, yaws, strict=True)]),
         capsules=tuple(part.capsules for part in parts),
         spheres=tuple(links[link]["spheres"].count(2) for link in LINKS[1:]),
         palm=_link(palm),
@@ -209,6 +210,14 @@ def _narrow(lower: Array, upper: Array, source: Index, ratio: Array, joints: Seq
             )
 
 
+def _spread(finger: _Node, lower: float, upper: float) -> float:
+    """A finger's yaw in the open hand, within the limits of joint1; unless it is said as near to 0 as they allow."""
+    spread = finger.get("spread", _Node(min(max(0.0, lower), upper), "spread")).number()
+    if not lower - 1e-9 <= spread <= upper + 1e-9:
+        raise finger["spread"].wrong("lies outside of joint1's limits")
+    return spread
+
+
 def _boxes(node: _Node) -> Array:
     """(B, 6) boxes, one at least, none turned inside out."""
     boxes = node.items()
@@ -246,10 +255,6 @@ class _Finger:
         self.follows: dict[int, tuple[_Node, float]] = {}
         for k, joint in enumerate(own.get("joints", file["joints"]).items(JOINTS_PER_FINGER)):
             self._joint(k, joint)
-        nearest = float(np.clip(0.0, self.lower[0], self.upper[0]))
-        self.spread = own.get("spread", _Node(nearest, "spread")).number()
-        if not self.lower[0] - 1e-9 <= self.spread <= self.upper[0] + 1e-9:
-            raise own["spread"].wrong("lies outside of joint1's limits")
         links = own.get("links", _Node({}, "links"))
         links.of(LINKS[1:])
         self.capsules = tuple(
