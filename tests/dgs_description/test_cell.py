@@ -89,7 +89,7 @@ def test_a_camera_comes_into_an_empty_file(tmp_path: Path, before: str) -> None:
 def test_a_workspace_may_reach_to_the_tables_edge(width: float) -> None:
     """Whatever the last bit of a sum says."""
     centre = Cell.table_centre[0] - Cell.table_size[0] / 2 + width / 2
-    Cell(workspace_size=(width, 0.8), workspace_centre=(round(centre, 4), 0.0))
+    Cell(workspace_size=(width, 0.8), workspace_centre=(round(centre, 4), 0.0), bin_centre=(-0.12, -0.42))
 
 
 def test_camera_link_looks_along_its_x_axis() -> None:
@@ -116,6 +116,8 @@ def test_camera_link_looks_along_its_x_axis() -> None:
         ({"turning_edge": [0.05, 0.35]}, "turning_edge must lie in free_edge"),
         ({"table_size": [0.7, 0.7, 0.04], "workspace_size": [0.4, 0.6]}, "free_edge must lie on the table"),
         ({"bin_centre": [-0.1, -0.75]}, "over the bin's middle"),
+        ({"bin_centre": [0.2, -0.45]}, "bin must stand beside workspace and robot"),
+        ({"bin_centre": [-0.1, -0.1]}, "bin must stand beside workspace and robot"),
         ({"table_height": 2.0}, "1.98 must be less than 1"),
         ({"floor_height": 0.92}, "floor must lie below robot and table top"),
         ({"floor_height": -0.21}, "floor must lie below robot and table top"),

@@ -54,6 +54,8 @@ def test_the_pipeline_calms_depth_images() -> None:
         table_size=(10.0, 10.0, 0.04),
         workspace_size=(9.0, 9.0),
         workspace_height=9.0,
+        bin_centre=(-5.0, 0.0),
+        tcp_lower=(-6.0, -1.0),
         camera_position=(0.3, 0.0, -0.8),
         camera_quaternion_xyzw=(0.0, 0.0, 0.0, 1.0),
         optical_frame="eye",

@@ -109,6 +109,11 @@ class Cell:
         )
         if (aside > np.divide(self.table_size[:2], 2) + 1e-9).any():
             raise ValueError("the workspace must lie on the table")
+        robot = (0.0, 0.0), (2 * self.pedestal_radius, 2 * self.pedestal_radius)
+        for centre, size in ((self.workspace_centre, self.workspace_size), robot):
+            apart = np.abs(np.subtract(centre, self.bin_centre)) - np.add(size, self.bin_size[:2]) / 2
+            if (apart < -1e-9).all():
+                raise ValueError("the bin must stand beside workspace and robot: bin_centre, bin_size")
         if np.abs(np.subtract(self.free_edge, self.table_centre[1])).max() > self.table_size[1] / 2 + 1e-9:
             raise ValueError("free_edge must lie on the table: what is pushed there would fall off its side")
         if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
