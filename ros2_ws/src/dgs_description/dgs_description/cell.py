@@ -96,8 +96,6 @@ class Cell:
             raise ValueError("sizes and distances must be greater than 0")
         if self.floor_height >= min(0.0, self.table_height - self.table_size[2]):
             raise ValueError("the floor must lie below robot and table top: floor_height")
-        if self.bin_wall >= min(self.bin_size[0] / 2, self.bin_size[1] / 2, self.bin_size[2]):
-            raise ValueError("the bin's walls leave no room: bin_wall, bin_size")
         lower, upper = self.tcp_bounds
         for low, high in (self.free_edge, self.turning_edge, *zip(lower, upper, strict=True)):
             if low >= high:
@@ -109,18 +107,11 @@ class Cell:
         )
         if (aside > np.divide(self.table_size[:2], 2) + 1e-9).any():
             raise ValueError("the workspace must lie on the table")
-        robot = (0.0, 0.0), (2 * self.pedestal_radius, 2 * self.pedestal_radius)
-        for centre, size in ((self.workspace_centre, self.workspace_size), robot):
-            apart = np.abs(np.subtract(centre, self.bin_centre)) - np.add(size, self.bin_size[:2]) / 2
-            if (apart < -1e-9).all():
-                raise ValueError("the bin must stand beside workspace and robot: bin_centre, bin_size")
         if np.abs(np.subtract(self.free_edge, self.table_centre[1])).max() > self.table_size[1] / 2 + 1e-9:
             raise ValueError("free_edge must lie on the table: what is pushed there would fall off its side")
         if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
             raise ValueError("turning_edge must lie in free_edge")
-        over_the_bin = np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
-        if not ((lower < over_the_bin) & (over_the_bin < upper)).all():
-            raise ValueError("the TCP cannot be over the bin's middle: tcp_lower, tcp_upper")
+        self._check_bin()
         if (np.array(self.home) < ARM_LOWER).any() or (np.array(self.home) > ARM_UPPER).any():
             raise ValueError("home is beyond the arm's joint limits; the unit is radians")
         if not 0.0 < self.camera_elevation < np.pi / 2:
@@ -135,6 +126,19 @@ class Cell:
             raise ValueError("camera_position and camera_quaternion_xyzw go together")
         if self.camera_quaternion_xyzw is not None:
             self._check_camera(self.camera_quaternion_xyzw)
+
+    def _check_bin(self) -> None:
+        if self.bin_wall >= min(self.bin_size[0] / 2, self.bin_size[1] / 2, self.bin_size[2]):
+            raise ValueError("the bin's walls leave no room: bin_wall, bin_size")
+        robot = (0.0, 0.0), (2 * self.pedestal_radius, 2 * self.pedestal_radius)
+        for centre, size in ((self.workspace_centre, self.workspace_size), robot):
+            apart = np.abs(np.subtract(centre, self.bin_centre)) - np.add(size, self.bin_size[:2]) / 2
+            if (apart < -1e-9).all():
+                raise ValueError("the bin must stand beside workspace and robot: bin_centre, bin_size")
+        lower, upper = self.tcp_bounds
+        over_the_bin = np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
+        if not ((lower < over_the_bin) & (over_the_bin < upper)).all():
+            raise ValueError("the TCP cannot be over the bin's middle: tcp_lower, tcp_upper")
 
     def _check_camera(self, quaternion: tuple[float, ...]) -> None:
         norm = math.hypot(*quaternion)
