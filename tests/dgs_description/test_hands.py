@@ -239,8 +239,9 @@ for what in (lambda: load_network(models_dir(), "dgs_net"), lambda: load_dataset
 def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
-    (folder / FILE).write_text((HANDS / "allegro" / FILE).read_text().replace("name: allegro", "name: mine"))
-    assert load_hand(folder).name == "mine"
+    text = (HANDS / "allegro" / FILE).read_text().replace("name: allegro", "name: mine")
+    (folder / FILE).write_text(text.replace("friction: 0.02", "friction: 2e-2"))
+    assert load_hand(folder).name == "mine" and load_hand(folder).friction == 0.02
 
 
 def test_an_unknown_hand_is_refused() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -152,18 +153,23 @@ class _Node:
         return [_Node(value, f"{self.where}[{k}]") for k, value in enumerate(self.value)]
 
     def number(self, least: float = -np.inf) -> float:
-        if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
+        value = self.value
+        if isinstance(value, str):  # PyYAML takes 1e-3 for a word
+            with suppress(ValueError):
+                value = float(value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.wrong("must be a number")
-        if not abs(self.value) <= sys.float_info.max or self.value < least:
+        if not abs(value) <= sys.float_info.max or value < least:
             raise self.wrong(
                 f"must be a finite number{'' if least == -np.inf else f' of at least {least:g}'}"
             )
-        return float(self.value)
+        return float(value)
 
     def count(self, least: int) -> int:
-        if self.number(least) != int(self.value):
+        number = self.number(least)
+        if not number.is_integer():
             raise self.wrong("must be a whole number")
-        return int(self.value)
+        return int(number)
 
     def numbers(self, count: int, least: float = -np.inf) -> Array:
         return np.array([item.number(least) for item in self.items(count)])
