@@ -13,8 +13,10 @@ import pytest
 import torch
 from hypothesis import given
 
+from dgs_description.arm_kinematics import LINKS, read_kinematics
 from dgs_description.cell import load_cell
 from dgs_description.errors import DgsError
+from dgs_description.hand_file import HANDS, load_hand
 from dgs_grasp_planner.contact.shape_completion import completion_net as shape_net
 from dgs_grasp_planner.contact.shape_completion import loaded_net as loaded_shape_net
 from dgs_grasp_planner.network.config import PRESETS
@@ -54,6 +56,8 @@ camera_position: [0.77, 0.0, 0.68]
 camera_quaternion_xyzw: [0.6861, 0.6861, -0.1711, -0.1711]
 optical_frame: left
 """
+PLACE = "{x: 0.0, y: 0.0, z: 0.15, roll: 0.0, pitch: 1e-3, yaw: 0.0}"
+CALIBRATION = "kinematics:\n" + "".join(f"  {link}: {PLACE}\n" for link in LINKS) + "  hash: calib_1\n"
 BAG = REPO_ROOT / "tests/data/table_depth"
 
 
@@ -73,12 +77,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shape_net().save(folder / "shapes.pt", {})
     shutil.copytree(BAG, folder / "bag")
     (folder / "cell.yaml").write_text(CELL)
+    (folder / "calibration.yaml").write_text(CALIBRATION)
+    shutil.copytree(HANDS / "allegro", folder / "allegro")
     shutil.copy(REPO_ROOT / "dgs_hand_driver/dgs_hand_driver/dexhand.dbc", folder)
     return folder
 
 
 def _meshes(file: Path) -> None:
     load_catalogue(file.parent)
+
+
+def _hand(file: Path) -> None:
+    load_hand(file.parent)
 
 
 def _network(file: Path) -> None:
@@ -100,6 +110,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "cloud.npz": read_cloud,
     "samples.yaml": read_samples,
     "cell.yaml": load_cell,
+    "calibration.yaml": read_kinematics,
+    "allegro/hand.yaml": _hand,
     "dexhand.dbc": DbcCodec,
     "meshes/manifest.json": _meshes,
     "meshes/a.obj": _meshes,
