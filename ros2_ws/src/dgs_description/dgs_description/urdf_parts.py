@@ -5,6 +5,8 @@ The sources of all numbers stand in docs/hand.md and docs/cell.md.
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -42,8 +44,10 @@ def vector(values: NDArray[np.float64]) -> Vector:
 
 def _origin(T_parent_child: NDArray[np.float64]) -> tuple[Vector, Vector]:
     """xyz [m] and fixed-axis rpy [rad] of a (4, 4) transform."""
-    turn = Rotation.from_matrix(T_parent_child[:3, :3])
-    return vector(T_parent_child[:3, 3]), vector(turn.as_euler("xyz", suppress_warnings=True))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a part at right angles: any of its angles will do
+        turn = Rotation.from_matrix(T_parent_child[:3, :3]).as_euler("xyz")
+    return vector(T_parent_child[:3, 3]), vector(turn)
 
 
 def arm() -> Robot:
