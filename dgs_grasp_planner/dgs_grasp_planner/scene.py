@@ -20,7 +20,7 @@ from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import NEAR, HeightField, height_field
 from dgs_grasp_planner.low_things import low_things
 from dgs_grasp_planner.preprocess import check_points, prepare_rows
-from dgs_grasp_planner.surroundings import GAP, VOXEL, Mask, walls
+from dgs_grasp_planner.surroundings import FAR, GAP, VOXEL, Mask, walls
 from dgs_grasp_planner.table_seen import check_table, levelled, why_empty
 
 Made = TypeVar("Made")
@@ -29,9 +29,6 @@ HAND_REACH = 0.35
 """A hand that grasps a thing is nowhere farther from it, its approach included [m]."""
 MISS = 0.03
 """A target point so near to a thing is meant for it: depth at an edge is noisy [m]."""
-
-FAR = 10.0
-"""What is farther is not on the table: how far nobody wants to know [m]."""
 
 
 @dataclass(frozen=True)

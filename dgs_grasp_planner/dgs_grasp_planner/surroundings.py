@@ -36,6 +36,8 @@ MAX_WALLS = 3
 HYPOTHESES = 300
 TALL = 0.35
 """A thing is no higher [m]."""
+FAR = 10.0
+"""What is farther is not on the table [m]."""
 LARGE, FOOT = 0.40, 0.03
 """What is longer, or was cut off from something, is a thing, or several, if it is seen as far down as this [m]."""
 OVER = 0.015
@@ -131,7 +133,7 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
         DgsError: NO_OBJECTS; none does, with what was left out.
     """
     camera = -T_camera_table[:3, :3].T @ T_camera_table[:3, 3]
-    high = np.flatnonzero(points[:, 2] > OBJECT_HEIGHT)
+    high = np.flatnonzero((points[:, 2] > OBJECT_HEIGHT) & (np.abs(points) < FAR).all(axis=1))
     voxels = voxel_means(points[high], VOXEL, least=2)
     fixed = np.zeros(len(voxels), bool)
     for wall in walls(voxels, camera):
@@ -185,7 +187,7 @@ def _nothing(others: int) -> DgsError:
 
 def _outside(points: NDArray, places: Array, T_camera_table: Array) -> Array:
     """(V,) how far outside of the table's outline places (V, 2) lie [m]; -inf where the picture may end before it."""
-    near = points[np.abs(points[:, 2]) < TALL]
+    near = points[(np.abs(points) < (FAR, FAR, TALL)).all(axis=1)]
     cell = np.floor(near[:, :2] / 0.01).astype(np.int64)
     low = cell.min(axis=0) - 3
     level, count = (np.zeros(cell.max(axis=0) - low + 4) for _ in range(2))

@@ -90,6 +90,19 @@ def test_with_nothing_but_a_robot_nothing_can_be_grasped() -> None:
         things_on_table(apply(T_table_camera, points.astype(float)), inverse(T_table_camera))
 
 
+def test_wild_points_of_a_cloud_take_no_memory() -> None:
+    T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
+    points = apply(
+        T_table_camera, D455.deproject(_view([TABLE, *_things()], T_table_camera).depth).astype(float)
+    )
+    wild = [(1e6, -1e6, 0.0), (-1e6, 1e6, 0.1), (1e7, 1e7, 1e7)]
+    usual, found = (
+        things_on_table(cloud, inverse(T_table_camera)) for cloud in (points, np.vstack([points, wild]))
+    )
+    assert usual.any()
+    np.testing.assert_array_equal(found, [*usual, False, False, False])
+
+
 def _wall(rng: np.random.Generator, length: float, height: float) -> np.ndarray:
     """(N, 3) a rough wall at x = -0.2 [m]."""
     count = int(length * height * 40_000)
