@@ -215,11 +215,11 @@ def towards_the_edge(thing: Thing) -> Iterator[Way]:
 
 def along_the_edge(thing: Thing) -> Iterator[Way]:
     """Of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
-    x, y = thing.middle.tolist()
-    inside = min(INSIDE, (thing.free[1] - thing.free[0]) / 2)
-    wanted = float(np.clip(y, thing.free[0] + inside, thing.free[1] - inside))
-    if thing.free[0] < y < thing.free[1]:
+    (x, y), (low, high) = thing.middle.tolist(), thing.free
+    if low < y < high or low >= high:
         return
+    inside = min(INSIDE, (high - low) / 2)
+    wanted = float(np.clip(y, low + inside, high - inside))
     for share, turn in product((1.0, 0.5, 0.25), DETOURS):
         direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])
         way = share * abs(wanted - y) / np.cos(turn)

@@ -154,6 +154,10 @@ def test_where_only_a_hand_s_breadth_of_the_edge_is_free_it_is_pushed_to_its_mid
     assert len(ends) and (ends > 0.225 - 0.006).all() and (ends < 0.25).all()
 
 
+def test_where_the_free_edge_is_too_narrow_for_a_hand_nothing_is_pushed_there() -> None:
+    assert not len(pushes(field_of(case(FRONT, y=-0.2)), EDGE, PushSettings(free=(0.25, 0.2))))
+
+
 def test_along_the_edge_it_is_pushed_around_what_is_in_the_way_and_always_on() -> None:
     settings, beside = PushSettings(free=(0.17, 0.40)), case(FRONT, y=-0.2)
     found = pushes(field_of(beside, top((-0.12, 0.0), (0.0, 0.05), 0.03)), EDGE, settings)
