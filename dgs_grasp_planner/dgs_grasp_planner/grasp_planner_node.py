@@ -45,8 +45,8 @@ SERVICE_QOS = QoSProfile(depth=64)
 class GraspPlannerNode(ManagedNode[PlannerParameters]):
     """Parameters, topics and the service; the work is done by a planner in a thread of its own.
 
-    Starts without the hand's weights as well: requests are answered WEIGHTS_MISSING or WEIGHTS_ALTERED until they are
-    right. A model of another name has to be there.
+    Starts without the hand's weights as well: requests are answered WEIGHTS_MISSING, WEIGHTS_ALTERED or WRONG_HAND
+    until they are right. A model of another name has to be there.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -243,7 +243,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         self._markers.publish(grasps_to_markers(grasps, header))
 
     def _report_refusal(self, error: DgsError) -> None:
-        broken = error.code in (ErrorCode.WEIGHTS_MISSING, ErrorCode.WEIGHTS_ALTERED)
+        broken = error.code in (ErrorCode.WEIGHTS_MISSING, ErrorCode.WEIGHTS_ALTERED, ErrorCode.WRONG_HAND)
         self.get_logger().warning(f"{error.code.name}: {error.message}")
         if broken:
             self.report(Level.ERROR, error.message, code=int(error.code))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import pytest
 import torch
 from dgs_interfaces.msg import GraspArray, TargetRegion
 from dgs_interfaces.srv import PredictGrasps
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped, Pose, Vector3
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
@@ -257,6 +259,23 @@ def test_a_hand_without_weights_has_a_planner_that_says_so(
         cloud = numpy_to_cloud(scene_in_base(), "base_link")
         assert Cell(node, ros_client).code(cloud=cloud) == ErrorCode.WEIGHTS_MISSING
         assert node.interrupt() == 0
+
+
+def test_weights_for_another_hand_are_an_error_as_long_as_they_are_there(
+    tmp_path: Path, ros_domain_id: int, ros_client: RosClient
+) -> None:
+    save_eager_model(tmp_path)
+    sidecar = tmp_path / "tiny.json"
+    ours = sidecar.read_text()
+    sidecar.write_text(json.dumps(json.loads(ours) | {"hand": "other"}))
+    with start(tmp_path, ros_domain_id) as node:
+        cell = Cell(node, ros_client)
+        cloud = numpy_to_cloud(scene_in_base(), "base_link")
+        assert cell.code(cloud=cloud) == ErrorCode.WRONG_HAND
+        (report,) = ros_client.collect(DiagnosticArray, "/diagnostics")
+        assert [status.level for status in report.status] == [DiagnosticStatus.ERROR]
+        sidecar.write_text(ours)
+        assert cell.code(cloud=cloud) == ErrorCode.SUCCESS
 
 
 def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
