@@ -35,8 +35,8 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
     """The wishes of a request.
 
     Raises:
-        DgsError: REQUEST_INVALID (max_grasps, min_score), or REGION_INVALID (frame, pose or size of a region, a target
-            point, a keep-out box, a failed grasp).
+        DgsError: REQUEST_INVALID (max_grasps, min_score, too many failed grasps), or REGION_INVALID (frame, pose or
+            size of a region, a target point, a keep-out box, a failed grasp).
     """
     if request.max_grasps > MAX_GRASPS:
         raise DgsError(

@@ -90,7 +90,7 @@ def rotation_loss(
 
 
 def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Equation (F): relative L1 error of the offset vectors (P, 3) [m]."""
+    """Equation (5): relative L1 error of the offset vectors (P, 3) [m]."""
     relative = (predicted.float() - target).abs().sum(1) / (target.abs().sum(1) + OFFSET_EPSILON)
     return (weight * relative).sum() / weight.sum().clamp(min=1e-6)
 
