@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -51,11 +52,10 @@ def find_device(wanted: str) -> torch.device:
     Raises:
         DgsError: REQUEST_INVALID where there is no such GPU: a training on a CPU by mistake would take weeks.
     """
-    try:
-        device = torch.device(wanted)
-    except RuntimeError as error:
+    if not re.fullmatch(r"cpu|cuda(:[1-9]?\d)?", wanted):
         unknown = f"there is no device {wanted!r}; there are cpu, cuda and cuda:1"
-        raise DgsError(ErrorCode.REQUEST_INVALID, unknown) from error
+        raise DgsError(ErrorCode.REQUEST_INVALID, unknown)
+    device = torch.device(wanted)
     if device.type != "cuda":
         return device
     index = int(os.environ.get("LOCAL_RANK", "0")) if device.index is None else device.index

@@ -74,6 +74,7 @@ def test_other_arrays_are_no_dataset(tmp_path: Path) -> None:
         ("trials --out run --scenes many", "'many' is neither a number nor a range"),
         ("trials --out run --scenes 20", "no scene is from 20 to before 20"),
         ("train --device gpu", "there is no device 'gpu'"),
+        ("train --device mps", "there is no device 'mps'"),
         ("train-shape-completion --device gpu", "there is no device 'gpu'"),
         ("bench-training --preset huge", "107 REQUEST_INVALID: no preset 'huge'"),
         ("bench-training --dataset none.npz", "107 REQUEST_INVALID: the dataset none.npz"),
