@@ -41,8 +41,8 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
     scratch.
 
     Raises:
-        DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration, checkpoint or views of
-            another training), WEIGHTS_MISSING, WEIGHTS_ALTERED.
+        DgsError: REQUEST_INVALID (preset, dataset, folders, device, weights of another configuration, checkpoint or
+            views of another training), WEIGHTS_MISSING, WEIGHTS_ALTERED.
     """
     several = int(os.environ.get("WORLD_SIZE", "1")) > 1
     if several:
@@ -74,13 +74,16 @@ def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettin
     dataset = load_dataset(files.dataset)
     if settings.grasps_per_object:
         dataset = dataset.thinned(settings.grasps_per_object, settings.seed)
-    # The paper's network sees the whole table.
-    source = ViewSource(dataset, settings.seed, config.keep_table, files.cache)
-    notes = {
-        "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
-        "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},
-    }
-    return Trainer(config, source, files.out, settings, notes)
+    try:
+        # The paper's network sees the whole table.
+        source = ViewSource(dataset, settings.seed, config.keep_table, files.cache)
+        notes = {
+            "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
+            "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},
+        }
+        return Trainer(config, source, files.out, settings, notes)
+    except OSError as error:
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"the training's folder cannot be made: {error}") from error
 
 
 def _stem(weights: Path) -> str:

@@ -74,6 +74,15 @@ def test_another_dataset_is_no_way_to_go_on(
     assert "is of another training" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--out", "--cache"])
+def test_a_folder_that_cannot_be_made_is_named(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    dataset = folder / "dataset.npz"
+    assert _run(folder, tmp_path / "run", option, str(dataset / "sub"), "--steps", "1") == 2
+    assert f"folder cannot be made: [Errno 20] Not a directory: '{dataset}" in capsys.readouterr().err
+
+
 def test_weights_that_do_not_fit_or_are_not_there_are_refused(folder: Path, tmp_path: Path) -> None:
     save_network(DGSNet(replace(PRESETS["tiny"], voxel_size=0.01)), tmp_path, "coarse")
     settings = TrainingSettings(steps=1, workers=0)
