@@ -15,7 +15,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
 from dgs_grasp_planner.runtime import cpu_has_bf16
-from dgs_learning.made_from import check_same
+from dgs_learning.training.checkpoint import read_checkpoint
 from dgs_learning.training.finite_steps import FiniteSteps
 
 Values = dict[str, float]
@@ -85,8 +85,8 @@ def fit(
 
     Raises:
         DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others; REQUEST_INVALID: the
-            checkpoint is of another dataset, or of other settings than those that are `FREE`; many gradients on end are
-            not finite.
+            checkpoint is damaged, of another dataset, or of other settings than those that are `FREE`; many gradients
+            on end are not finite.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
@@ -98,9 +98,7 @@ def fit(
     made_from = {name: value for name, value in asdict(settings).items() if name not in FREE}
     made_from["dataset"] = dataset
     if checkpoint.exists():
-        state = torch.load(checkpoint, map_location=device, weights_only=True)
-        said = f"{checkpoint} is of another training, name another folder"
-        check_same(said, state.get("made_from", {}), made_from)
+        state = read_checkpoint(checkpoint, device, made_from)
         net.load_state_dict(state["net"])
         optimiser.load_state_dict(state["optimiser"])
         step = int(state["step"])

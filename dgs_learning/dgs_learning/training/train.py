@@ -29,8 +29,8 @@ from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype, pairs_pay
-from dgs_learning.made_from import check_same
 from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
+from dgs_learning.training.checkpoint import read_checkpoint
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.finite_steps import FiniteSteps
 from dgs_learning.training.labels import typical_shapes
@@ -154,13 +154,11 @@ class Trainer:
         """Go on from the checkpoint if there is one.
 
         Raises:
-            DgsError: REQUEST_INVALID: it is of another network or dataset, or of other settings among `KEPT`.
+            DgsError: REQUEST_INVALID: it is damaged, of another network or dataset, or of other settings among `KEPT`.
         """
         if not self.checkpoint.exists():
             return False
-        state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
-        said = f"{self.checkpoint} is of another training, name another folder"
-        check_same(said, state.get("made_from", {}), self._made_from())
+        state = read_checkpoint(self.checkpoint, self.device, self._made_from())
         self.net.load_state_dict(state["net"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
