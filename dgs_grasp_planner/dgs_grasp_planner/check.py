@@ -194,7 +194,7 @@ def _in_keep_out(
         (hands, _REACHES, back),
         (hands, _REACHES, grasps.motion),
         (fists, _RADII[:, None], np.zeros_like(back)),
-        (things, 0.0, moved),
+        (things, STEP / 2, moved),
     ):
         for share, box in product(_shares(way), boxes):
             hit |= box.contains(points + share * way[:, None], reach).any(axis=1)

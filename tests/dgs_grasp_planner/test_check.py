@@ -215,6 +215,14 @@ def test_no_closed_finger_enters_a_box_to_keep_out_of() -> None:
     assert check(straight, NOTHING, keep_out=[box]).reasons[0] is None
 
 
+def test_what_is_pushed_does_not_pass_through_a_thin_box_between_two_looks() -> None:
+    still = grasp((0, 0, 0.15))
+    pushing = replace(still, motion=np.array([[0.3, 0.0, 0.0]]), reference_point=np.array([[0.2, 0.3, 0.02]]))
+    for x in np.arange(0.25, 0.27, 0.002):
+        wall = Region(transform(position=(x, 0.3, 0.0)), np.array([0.002, 0.2, 0.1]))
+        assert check(pushing, NOTHING, keep_out=[wall]).reasons[0] == Reason.IN_KEEP_OUT
+
+
 def test_neither_palm_nor_motion_nor_what_is_pushed_enters_a_box_to_keep_out_of() -> None:
     still = grasp((0, 0, 0.15))
     pushing = replace(still, motion=np.array([[0.3, 0.0, 0.0]]), reference_point=np.array([[0.2, 0.3, 0.02]]))
