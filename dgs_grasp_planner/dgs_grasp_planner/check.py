@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,14 +190,12 @@ def _in_keep_out(
     hands = posed(np.concatenate([spheres, palms], axis=1), grasps.position, grasps.rotation)
     fists = posed(closed, grasps.closing_pose[:, :3, 3], grasps.rotation)
     things, moved = grasps.reference_point[:, None], grasps.motion * ~grasps.holds[:, None]
-    for points, reach, way in (
-        (hands, _REACHES, back),
-        (hands, _REACHES, grasps.motion),
-        (fists, _RADII[:, None], np.zeros_like(back)),
-        (things, STEP / 2, moved),
-    ):
-        for share, box in product(_shares(way), boxes):
-            hit |= box.contains(points + share * way[:, None], reach).any(axis=1)
+    rows = np.flatnonzero(grasps.motion.any(axis=1))
+    for box in boxes:
+        hit |= box.entered(hands, back, _REACHES)
+        hit[rows] |= box.entered(hands[rows], grasps.motion[rows], _REACHES)
+        hit |= box.entered(fists, np.zeros_like(back), _RADII[:, None])
+        hit |= box.entered(things, moved, np.zeros((1, 1)))
     return hit
 
 

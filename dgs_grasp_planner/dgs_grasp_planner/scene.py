@@ -43,10 +43,24 @@ class Region:
     T_table_box: Array
     size: Array
 
-    def contains(self, points: Array, margin: Array | float = 0.0) -> Mask:
-        """(..., N) which of the points (..., N, 3) [m], table frame, lie inside, or `margin` (N, 1) [m] beside."""
+    def contains(self, points: Array) -> Mask:
+        """(..., N) which of the points (..., N, 3) [m], table frame, lie inside."""
         local = (points - self.T_table_box[:3, 3]) @ self.T_table_box[:3, :3]
-        return np.asarray((np.abs(local) <= self.size / 2 + margin).all(axis=-1))
+        return np.asarray((np.abs(local) <= self.size / 2).all(axis=-1))
+
+    def entered(self, points: Array, way: Array, margin: Array) -> Mask:
+        """(K,) whether one of the points (K, N, 3) comes inside on a straight way (K, 3), or `margin` (N, 1) beside.
+
+        Lengths in metres. Per axis the box is a slab, entered and left after a share of the way.
+        """
+        turn, place = self.T_table_box[:3, :3].T, self.T_table_box[:3, 3]
+        # Coordinates first: numpy is slow along an axis of length three.
+        start = (turn @ (points.reshape(-1, 3) - place).T).reshape(3, *points.shape[:2])
+        step = (turn @ way.T)[:, :, None]
+        step = np.where(np.abs(step) < 1e-9, 1e-9, step)
+        middle, half = -start / step, (self.size / 2 + margin).T[:, None] / np.abs(step)
+        enter, leave = (middle - half).max(axis=0), (middle + half).min(axis=0)
+        return np.asarray((np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)).any(axis=1))
 
 
 @dataclass(frozen=True)

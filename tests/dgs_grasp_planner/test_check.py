@@ -167,6 +167,17 @@ def test_many_candidates_are_checked_quickly() -> None:
     assert fastest(lambda: check(grasps, cloud)) < 0.15  # 0.02 s on a quiet core
 
 
+def test_many_boxes_to_keep_out_of_are_checked_quickly() -> None:
+    rng = np.random.default_rng(0)
+    grasps = joined(
+        [grasp(tuple(spot)) for spot in rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.15), (96, 3))]
+    )
+    pushes = replace(grasps, motion=np.tile([0.6, 0.0, 0.0], (96, 1)))
+    places = rng.uniform((-0.2, -0.4, 0.0), (0.2, 0.4, 0.3), (8, 3))
+    boxes = [Region(transform(position=place), np.full(3, 0.1)) for place in places]
+    assert fastest(lambda: check(pushes, NOTHING, keep_out=boxes)) < 0.8  # 0.1 s on a quiet core
+
+
 def test_the_table_ends_at_its_edge() -> None:
     low = grasp((0, 0, 0.02))
     assert check(low, NOTHING, edge=-0.5).reasons[0] == Reason.TABLE_AT_GRASP

@@ -25,7 +25,22 @@ def test_region_is_a_turned_box() -> None:
     region = Region(transform(turn, (1.0, 0.0, 0.0)), np.array([2.0, 0.2, 0.2]))
     points = np.array([[1.0, 0, 0], [1.6, 0.6, 0], [1.6, -0.6, 0], [1.0, 0, 0.11], [1.8, 0.8, 0]])
     assert region.contains(points).tolist() == [True, True, False, False, False]
-    assert region.contains(points[None], 0.011).tolist() == [[True, True, False, True, False]]
+
+
+def test_a_box_is_entered_on_the_way_too() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        place = transform(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.4, 0.4, 3))
+        box = Region(place, rng.uniform(0.01, 0.2, 3))
+        points, margin = rng.uniform(-0.3, 0.3, (20, 15, 3)), rng.uniform(0.0, 0.02, (15, 1))
+        way = rng.uniform(-0.3, 0.3, (20, 3)) * (rng.random((20, 1)) < 0.7)
+        wider = Region(place, box.size + 2 * margin[0])
+        wanted = np.any(
+            [wider.contains(points[:, 0] + share * way) for share in np.linspace(0.0, 1.0, 400)], axis=0
+        )
+        np.testing.assert_array_equal(box.entered(points[:, :1], way, margin[:1]), wanted)
+        alone = [box.entered(points[:, [k]], way, margin[[k]]) for k in range(15)]
+        np.testing.assert_array_equal(box.entered(points, way, margin), np.any(alone, axis=0))
 
 
 def test_what_is_wished_is_admitted() -> None:
