@@ -22,7 +22,7 @@ def read_checkpoint(file: Path, device: torch.device, made_from: Mapping[str, An
         state: dict[str, Any] = torch.load(file, map_location=device, weights_only=True)
         made = state.get("made_from", {})
     except Exception as error:  # torch raises many kinds here; all mean the same to the user
-        damaged = f"the checkpoint {file} cannot be read ({error!r}): remove it, or name another folder"
+        damaged = f"{file} cannot be read, name another folder: {error!r}"
         raise DgsError(ErrorCode.REQUEST_INVALID, damaged) from error
     check_same(f"{file} is of another training, name another folder", made, made_from)
     return state
