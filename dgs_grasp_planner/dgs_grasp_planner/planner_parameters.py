@@ -55,5 +55,5 @@ class PlannerParameters(ManagedParameters):
     def push(self) -> PushSettings:
         """Of the pushes: their end is where the table's edge is free, half a hand farther from the robot, at y = 0."""
         (low, high), turning, y = CELL.free_edge, CELL.turning_edge, CELL.workspace_centre[1]
-        low, high = (low + HAND_WIDTH / 2, high) if low + high > 0 else (low, high - HAND_WIDTH / 2)
+        low, high = (low + HAND_WIDTH / 2, high) if low + high >= 0 else (low, high - HAND_WIDTH / 2)
         return PushSettings(free=(low - y, high - y), turning=(turning[0] - y, turning[1] - y))
