@@ -156,6 +156,7 @@ class DbcProtocol(HandProtocol):
             if len(rows[kind]) < HAND.finger_count:
                 return
         self._status = None
+        self._frames.clear()  # the numbers come round: an old frame must not pass for one of a later cycle
         self._advance(status.clock)
         self.state = HandState(
             positions=expand_positions(np.array(rows["position"]) * self._signs),
