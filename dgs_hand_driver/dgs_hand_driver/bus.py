@@ -61,6 +61,6 @@ def open_bus(settings: BusSettings, data_bitrate: int = 0) -> can.BusABC:
             logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
             options = {"host": host, "port": port, "tcp_tune": True}
         return can.Bus(interface=settings.interface, channel=settings.channel, **options)
-    except (can.CanError, OSError, ValueError, ImportError) as error:
+    except Exception as error:  # each adapter has its own
         hint = "is the hand, its CAN adapter or the simulator on?"
         raise DgsError(ErrorCode.HAND_BUS, f"cannot open the CAN bus {where} ({error}); {hint}") from error

@@ -31,7 +31,10 @@ def test_adapter_that_is_not_there() -> None:
         open_bus(BusSettings(interface="socketcan", channel="no_such_can"))
 
 
-@pytest.mark.parametrize("error", [can.CanError("off"), ValueError("bit rate"), ImportError("no driver")])
+@pytest.mark.parametrize(
+    "error",
+    [can.CanError("off"), ImportError("no driver"), TypeError("Must specify a serial port."), KeyError(7)],
+)
 def test_an_adapter_that_cannot_be_used_is_refused(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dgs_hand_driver.bus.can.Bus", Mock(side_effect=error))
     with refused(ErrorCode.HAND_BUS, f"CAN bus kvaser can0 .{error}"):
