@@ -54,10 +54,11 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
         (0.0, 0.0, 0.09), "Their centre of gravity in tool0, where hand_mass is given [m].", -0.5, 0.5
     )
     object_mass: float = parameter(0.2, "Assumed mass of a held object, at the TCP [kg].", 0.0, 3.0)
+    # Silence is counted in steps of `watch.TICK`.
     joint_state_timeout: float = parameter(
         SILENCE,
         "Silence of the arm's joint states that aborts; of the hand's ten times as long [s of node time].",
-        0.02,
+        0.1,
         5.0,
     )
     start_tolerance: float = parameter(

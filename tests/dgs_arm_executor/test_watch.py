@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import dgs_arm_executor.watch as module
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import constraints_of, declared
 
 
 class Clocks:
@@ -65,6 +67,16 @@ def test_simulated_time_that_catches_up_in_a_burst_is_no_silence(watch: RobotWat
     watch.check_motion()
     pass_time(watch, clocks, 0.25, 0.16)
     assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
+
+
+def test_a_robot_that_is_heard_is_not_silent_by_the_shortest_silence_that_may_be_set(clocks: Clocks) -> None:
+    shortest = constraints_of(declared(ArmExecutorParameters)["joint_state_timeout"]).minimum
+    assert shortest is not None
+    watch = RobotWatch(lambda: clocks.simulated, silence=shortest)
+    for _ in range(3):
+        watch.arm_state(np.arange(6.0))
+        pass_time(watch, clocks, TICK, TICK)
+        watch.check_motion()
 
 
 def test_silence_in_real_time_is_seen_within_a_quarter_of_a_second(watch: RobotWatch, clocks: Clocks) -> None:
