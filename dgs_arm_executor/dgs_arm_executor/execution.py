@@ -169,7 +169,7 @@ class Execution:
         robot.cloud = robot.cloud.without(robot.cloud.carried_mask(grasp))
         if "escape" in plan.trajectories:
             self._stages.drive(plan, "escape", robot.situation().hand_joints)
-        shaping = plan.shaping_on_the_way
+        shaping = plan.shaping_on_the_way and robot.load is None  # an opening hand would fling what it holds
         with self._stages("transfer" if shaping else "pre_grasp"):
             robot.set_payload(holding=False)
             self._disturbed, robot.load, robot.obstructed = grasp, None, False

@@ -261,6 +261,19 @@ def test_a_hand_that_jams_when_the_object_is_out_is_brought_home_and_its_fault_t
     assert robot.done[-2:] == ["payload of the hand", "home"]
 
 
+@pytest.mark.parametrize("holds", [False, True])
+def test_what_the_hand_still_holds_is_dropped_before_the_arm_moves(holds: bool) -> None:
+    robot = Carrier("approach", ErrorCode.EXECUTION_CANCELLED)
+    robot.load = Load(GRASP) if holds else None
+    pick = prepared(GRASP, "transfer", "approach")
+    assert pick.answer.plan is not None
+    plan = replace(pick.answer.plan, shaping_on_the_way=True)
+    execution(robot, Off()).pick_prepared(replace(pick, answer=PickAnswer(plan, REFUSED)), Wish())
+    first, then = (["pre_grasp"], ["transfer"]) if holds else (["transfer"], [])
+    assert robot.done == ["look_again", *first, "payload of the hand", *then, "approach"]
+    assert robot.load is None
+
+
 @pytest.mark.parametrize("room", [True, False])
 def test_a_pick_that_ends_before_the_hand_closes_opens_it_as_wide_as_there_is_room(room: bool) -> None:
     robot = Carrier("transfer", ErrorCode.EXECUTION_CANCELLED)
