@@ -98,7 +98,7 @@ class Execution:
             if off < _AT_HOME and robot.load is None and not robot.obstructed:
                 report.message = "the arm was at home already"
                 return report
-            load, room = robot.load, True
+            load, room, trouble = robot.load, True, None
             if load is not None and not is_open(robot.situation().hand_joints):
                 self._empty_into_the_bin(load)
             else:
@@ -107,14 +107,15 @@ class Execution:
                     robot.set_payload(holding=False)
                     situation = robot.situation()
                     opened = self._planner.opened(situation, otherwise=situation.hand_joints)
-                    robot.open_hand(opened)  # a jammed hand must not keep the arm over the table
+                    trouble = robot.open_hand(opened)  # a jammed hand must not keep the arm over the table
                     room = np.array_equal(opened, HAND.open_hand)
             if robot.obstructed:
                 self._shake_off()
             self._stages.drive_home(look=True)
             if not room:
-                robot.open_hand()
+                trouble = robot.open_hand()
             also = " and the object in the bin" if report.object_released else ""
+            also += "" if trouble is None else f", but the hand has a fault: {trouble.message}"
             report.message = f"the arm is at home{also}"
         except DgsError as error:
             end = "until /reset" if error.code in _HOLD_CODES else "where it is"

@@ -94,6 +94,15 @@ def test_an_empty_hand_opens_before_the_way_home_where_it_has_room_else_at_home(
     )
 
 
+@pytest.mark.parametrize("room", [True, False])
+def test_a_hand_that_does_not_open_keeps_no_arm_from_home_and_its_fault_is_told(room: bool) -> None:
+    robot = FakeRobot(JAMMED, None)
+    robot.load = None
+    report = go_home(robot, room=room)
+    assert report.code == ErrorCode.SUCCESS
+    assert report.message == "the arm is at home, but the hand has a fault: jammed"
+
+
 def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
     robot = FakeRobot(None, None)
     robot.load = None
