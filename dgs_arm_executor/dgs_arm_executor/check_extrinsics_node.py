@@ -60,6 +60,8 @@ def _check(args: list[str] | None) -> int:
     except DgsError as error:
         print(f"cannot check: {error.message} (code {int(error.code)})", file=sys.stderr)
         return EXIT_REFUSED
+    except KeyboardInterrupt:
+        return EXIT_REFUSED
     try:
         fit = fit_table(points)
         print(fit)

@@ -80,6 +80,16 @@ def test_a_wrong_pose_is_refused_with_its_code(domain: int, tmp_path: Path, name
     assert str(int(ErrorCode.EXTRINSICS_OFF)) in output
 
 
+def test_ctrl_c_ends_the_wait_for_clouds_without_a_traceback(tmp_path: Path) -> None:
+    with (
+        reserved_domain_id() as domain,
+        RosClient(domain) as client,
+        suite_node("check_extrinsics", domain, tmp_path, {"timeout": 60.0}) as process,
+    ):
+        process.wait_ready(lambda: client.node.count_subscribers("/dgs/cloud"))
+        assert process.interrupt() == 2 and "Traceback" not in process.log()
+
+
 def test_without_clouds_there_is_no_answer(domain: int, tmp_path: Path) -> None:
     code, output = check(domain, tmp_path, "/nobody", timeout=1.0)
     assert code == 2 and str(int(ErrorCode.CAMERA_SILENT)) in output
