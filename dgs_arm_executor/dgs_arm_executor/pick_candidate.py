@@ -86,11 +86,9 @@ class Candidate:
         states = self.ik.states(grasp.pose, self.start)
         if len(states):
             ways = least_times(self.ik, self.start, states)
-            order, far = (
-                np.argsort(ways + _clumsiness(self.ik, states), kind="stable"),
-                ways >= ways.min() + FAR,
-            )
-            return states[order[~far[order]]], states[order[far[order]]]
+            order = np.argsort(ways + _clumsiness(self.ik, states), kind="stable")
+            states, far = states[order], (ways >= ways.min() + FAR)[order]
+            return states[~far], states[far]
         x, y, z = grasp.position
         place = f"({x:.3f}, {y:.3f}, {z:.3f}) m"
         if np.isnan(self.ik.branches(grasp.pose @ T_TCP_TOOL0)).all():

@@ -20,12 +20,7 @@ def least_times(ik: ArmIK, start: Array, states: Array) -> Array:
     joints = np.where(turn < v**2 / a, 2 * np.sqrt(turn / a), turn / v + v / a).max(axis=-1)
     share = np.linspace(0.0, 1.0, _LINE_SAMPLES)[:, None]
     lines = start + share * (states[:, None] - start)
-    steps = _steps(ik, lines.reshape(-1, 6)).reshape(-1)
-    inside = (
-        np.arange(1, len(steps) + 1) % _LINE_SAMPLES > 0
-    )  # not from one line's end to the next one's start
-    tool = steps[inside].reshape(len(states), -1).sum(axis=1) / TOOL_SPEED
-    return np.maximum(joints, tool)
+    return np.maximum(joints, _steps(ik, lines).sum(axis=-1) / TOOL_SPEED)
 
 
 def time_free_path(ik: ArmIK, path: SmoothPath, share: float) -> Trajectory:
@@ -36,6 +31,6 @@ def time_free_path(ik: ArmIK, path: SmoothPath, share: float) -> Trajectory:
 
 
 def _steps(ik: ArmIK, joints: Array) -> Array:
-    """(N - 1,) way of the TCP from each of (N, 6) states to the next [m]."""
-    places = (ik.forward_many(joints) @ T_TOOL0_TCP)[:, :3, 3]
-    return np.linalg.norm(np.diff(places, axis=0), axis=1)
+    """(..., N - 1) way of the TCP from each of (..., N, 6) states to the next [m]."""
+    places = (ik.forward_many(joints.reshape(-1, 6)) @ T_TOOL0_TCP)[:, :3, 3]
+    return np.linalg.norm(np.diff(places.reshape(*joints.shape[:-1], 3), axis=-2), axis=-1)

@@ -265,9 +265,8 @@ class DexHand:
                     self.lost = None
                     self._greet()
                     self._read(bus)
-                except (
-                    Exception
-                ) as error:  # anybody may write a protocol; a fault in it must not make the driver deaf
+                except Exception as error:
+                    # Anybody may write a protocol; a fault in it must not make the driver deaf.
                     logger.exception("the hand's protocol has failed")
                     self._lose(f"the hand's protocol has failed: {error}")
                 with suppress(Exception):  # an adapter that was unplugged cannot be told to close
