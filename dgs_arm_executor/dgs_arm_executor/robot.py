@@ -212,10 +212,9 @@ class Robot:
 
         def watch() -> None:
             if not uninterrupted:
-                self._check()
-            else:
-                self._check_stopped()
-            self.watch.check_hand()  # a driver that has died sends no result
+                return self._check()
+            self._check_stopped()
+            self.watch.check_hand()
 
         tell = None if quiet else lambda message: self._tell(message.feedback.progress)
         answer = self.hand.run(goal, watch, tell)
@@ -342,6 +341,7 @@ class Robot:
         self._check_cancelled()
         self.watch.check_motion()
         self._check_stopped()
+        self.watch.check_hand()  # a driver that has died sends no result, and what its hand does nobody knows
         self.arm.check()
         self.hand.check()
 

@@ -377,6 +377,21 @@ def test_a_hand_that_falls_silent_while_it_opens_is_not_waited_for() -> None:
         moved.open_hand()
 
 
+def test_a_hand_that_falls_silent_ends_the_motion_of_the_arm() -> None:
+    def hear_the_arm() -> bool:
+        moved.watch.tick()
+        moved.watch.arm_state(HOME_ARM, 2 * STANDS)
+        return False
+
+    def drive(watch: Callable[[], None]) -> Any:
+        until(hear_the_arm, watch)
+
+    moved = made_robot(Scripted(drive), Scripted(lambda watch: DONE), silence=0.02)
+    moved.begin(lambda: "", lambda stage, index, share, clear: None)
+    with refused(ErrorCode.HAND_UNAVAILABLE, "has been silent"):
+        moved.move_arm(way(), HAND.open_hand)
+
+
 def test_a_robot_that_refuses_its_payload_is_not_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[float] = []
 
