@@ -150,6 +150,7 @@ class DexHand:
     def _watch(
         self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], str]
     ) -> MoveOutcome:
+        ticked = state
         while True:
             outcome = move.update(state)
             on_progress(state, move.progress)
@@ -161,6 +162,11 @@ class DexHand:
                 return MoveOutcome(ErrorCode.HAND_CANCELLED, text, state)
             self._check_fault()
             state = following
+            if state.clock > ticked.clock:
+                ticked = state
+            elif state.received - ticked.received > self.settings.silence_timeout:
+                stands = f"the hand's clock stands still at {state.clock:.2f} s, though it sends states"
+                raise DgsError(ErrorCode.HAND_SILENT, f"{stands}: no move can be timed")
 
     def _command(self, mode: Mode, target: ArrayLike, speed: float, active: ArrayLike) -> HandState:
         """Send a command until the hand acknowledges it; the state that does so.

@@ -72,6 +72,13 @@ def test_adapter_that_fails_at_everything_is_opened_again(monkeypatch, error: Ex
         wait_until(lambda: opened.call_count > 2)
 
 
+def test_a_hand_whose_clock_stands_still_keeps_no_move_waiting(simulated, hand) -> None:
+    simulated.time_step = 0.0
+    ended = time.monotonic() + GUARD
+    with refused(ErrorCode.HAND_SILENT, "clock stands still"):
+        hand.move(goal(SHAPE), cancelled=lambda: "test" if time.monotonic() > ended else "")
+
+
 def test_goes_to_positions(simulated, hand) -> None:
     progress: list[float] = []
     outcome = hand.move(goal(SHAPE), on_progress=lambda _, done: progress.append(done))
