@@ -142,6 +142,13 @@ class DbcProtocol(HandProtocol):
         of = f" of {', '.join(compress(HAND.fingers, fault[1].fingers))}" if any(fault[1].fingers) else ""
         return DgsError(ErrorCode.HAND_INTERNAL, f"the hand reports {fault[1].fault}{of}")
 
+    @property
+    def absent(self) -> str:
+        """See `HandProtocol`; fingers without a frame since the last complete cycle."""
+        heard = self._frames.copy().keys()
+        whole = [{("position", k), ("torque", k)} <= heard for k in range(HAND.finger_count)]
+        return ", ".join(name for name, there in zip(HAND.fingers, whole, strict=True) if heard and not there)
+
     def _complete(self) -> None:
         """The state of a cycle, once its eleven frames are there: on its way, a status frame may overtake the others.
 

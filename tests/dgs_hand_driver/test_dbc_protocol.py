@@ -22,8 +22,9 @@ def feed(host: DbcProtocol, clock: float, sequence: int, lost: int | None = None
 def test_cycle_with_a_lost_frame_is_dropped_and_counted(lost: int) -> None:
     host = DbcProtocol(HandSettings())
     first = feed(host, 0.0, 1)
-    assert first.cycle == 1
+    assert first.cycle == 1 and not host.absent
     assert feed(host, 0.1, 2, lost) is first
+    assert host.absent == HAND.fingers[lost % 5]
     assert feed(host, 2.56, 1, lost) is first, "nor is it taken from long ago when the numbers come round"
     assert feed(host, 2.57, 2).cycle == 2
     assert host.incomplete == 2
