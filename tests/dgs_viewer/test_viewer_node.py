@@ -7,11 +7,12 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from dgs_interfaces.action import ClearTable
+from dgs_interfaces.action import ClearTable, ExecuteGrasp
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
@@ -124,19 +125,63 @@ def test_clouds_go_on_when_the_clock_is_set_back(viewer: ViewerNode, monkeypatch
     wait_until(comes)
 
 
-def test_the_page_is_idle_when_a_run_has_ended_that_it_did_not_start(
+def test_the_page_is_idle_when_goals_have_ended_that_it_did_not_send(
     ros_client: RosClient, viewer: ViewerNode
 ) -> None:
     # Of an action, clients or none, these are the topics.
     create = ros_client.node.create_publisher
-    feedback = create(ClearTable.Impl.FeedbackMessage, "/clear_table/_action/feedback", 10)
-    status = create(GoalStatusArray, "/clear_table/_action/status", LATCHED)
+    actions: tuple[tuple[str, Any], ...] = (("/clear_table", ClearTable), ("/execute_grasp", ExecuteGrasp))
+    feedback = {
+        name: create(kind.Impl.FeedbackMessage, f"{name}/_action/feedback", 10) for name, kind in actions
+    }
+    status = {name: create(GoalStatusArray, f"{name}/_action/status", LATCHED) for name, _ in actions}
+    kinds = dict(actions)
 
-    def told(code: int, stage: str) -> bool:
-        status.publish(GoalStatusArray(status_list=[GoalStatus(status=code)]))
+    def told(name: str, code: int, stage: str) -> bool:
+        status[name].publish(GoalStatusArray(status_list=[GoalStatus(status=code)]))
         if code == GoalStatus.STATUS_EXECUTING:
-            feedback.publish(ClearTable.Impl.FeedbackMessage(feedback=ClearTable.Feedback(stage="carry")))
+            kind = kinds[name]
+            feedback[name].publish(kind.Impl.FeedbackMessage(feedback=kind.Feedback(stage="carry")))
         return bool(viewer._state.now.stage == stage)
 
-    wait_until(lambda: told(GoalStatus.STATUS_EXECUTING, "carry"))
-    wait_until(lambda: told(GoalStatus.STATUS_SUCCEEDED, "idle"))
+    for name in kinds:  # of /execute_grasp plan_pick sends such
+        wait_until(lambda name=name: told(name, GoalStatus.STATUS_EXECUTING, "carry"))
+        wait_until(lambda name=name: told(name, GoalStatus.STATUS_SUCCEEDED, "idle"))
+    wait_until(lambda: told("/clear_table", GoalStatus.STATUS_EXECUTING, "carry"))
+    wait_until(lambda: told("/execute_grasp", GoalStatus.STATUS_SUCCEEDED, "carry"))
+    ros_client.node.destroy_publisher(status["/clear_table"])
+    wait_until(lambda: viewer._state.now.stage == "idle")
+    assert viewer._state.now.sentence == "who serves /clear_table has gone in the middle of it"
+
+
+@pytest.mark.parametrize(
+    ("code", "message", "pushes", "logged"),
+    [
+        (
+            0,
+            "the table is empty; 2 of 3 grasps succeeded",
+            0,
+            "run ended: the table is empty; 2 of 3 grasps succeeded",
+        ),
+        (
+            ErrorCode.TASK_ATTEMPTS_USED_UP,
+            "all 5 attempts are used up",
+            2,
+            "run ended: all 5 attempts are used up; 2 of 3 grasps succeeded, 2 pushes",
+        ),
+        (ErrorCode.TASK_BUSY, "another run is going on", 0, "another run is going on"),
+    ],
+)
+def test_how_a_run_has_ended_is_said_once_and_with_its_pushes(
+    viewer: ViewerNode, code: int, message: str, pushes: int, logged: str
+) -> None:
+    def at_once(result: object) -> SimpleNamespace:
+        future = SimpleNamespace(result=lambda: result)
+        future.add_done_callback = lambda callback: callback(future)
+        return future
+
+    result = ClearTable.Result(error_code=int(code), message=message, attempts=3, successes=2, pushes=pushes)
+    ended = at_once(SimpleNamespace(status=GoalStatus.STATUS_SUCCEEDED, result=result))
+    viewer._on_accepted(None, at_once(SimpleNamespace(accepted=True, get_result_async=lambda: ended)))
+    assert viewer._state.recent(1)[0].text == logged
+    assert viewer._state.now.sentence == ("no run yet" if code == ErrorCode.TASK_BUSY else logged[11:])

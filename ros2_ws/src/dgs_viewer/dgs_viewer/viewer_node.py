@@ -43,6 +43,7 @@ from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.image_msgs import camera_info_to_pinhole, colour_to_numpy
 from dgs_ros.joint_msgs import has_joints, positions_of
 from dgs_ros.pose_msgs import matrix_to_pose, to_vector3
+from dgs_ros.presence import Watch, watch_server
 from dgs_ros.run import run
 from dgs_ros.static_frames import StaticFrames
 from dgs_ros.trajectory_msgs import trajectory_to_path
@@ -101,6 +102,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._polled: dict[str, Subscription] = {}
         self._newest: dict[str, bytes] = {}
         self._wrong: dict[str, str] = {}
+        self._at_work: dict[str, Watch] = {}
+        """Actions that have goals in work, and who serves them."""
         self._cloud_read = 0.0
         self._camera: PinholeCamera | None = None
         self._camera_frame = ""
@@ -140,9 +143,11 @@ class ViewerNode(DgsNode[ViewerParameters]):
             # What an action's clients are told is a topic like any other.
             (ClearTable.Impl.FeedbackMessage, "/clear_table/_action/feedback", self._on_task, 50),
             (ExecuteGrasp.Impl.FeedbackMessage, "/execute_grasp/_action/feedback", self._on_arm, 50),
-            (GoalStatusArray, "/clear_table/_action/status", self._on_goals, LATCHED),
         ):
             self.create_subscription(kind, topic, self._guarded(topic, callback), qos)
+        for action in ("/clear_table", "/execute_grasp"):
+            on_goals = partial(self._on_goals, action)
+            self.create_subscription(GoalStatusArray, f"{action}/_action/status", on_goals, LATCHED)
 
     def _watch(self, seen: bool) -> None:
         """Subscribe to what the camera sees, or no longer."""
@@ -216,17 +221,26 @@ class ViewerNode(DgsNode[ViewerParameters]):
     def _on_arm(self, message: Any) -> None:
         self._state.put(stage=message.feedback.stage)
 
-    def _on_goals(self, message: GoalStatusArray) -> None:
-        """When the last run has ended, whoever started it, nothing is done any more."""
-        if message.status_list and all(
-            each.status >= GoalStatus.STATUS_SUCCEEDED for each in message.status_list
-        ):
+    def _on_goals(self, action: str, message: GoalStatusArray) -> None:
+        """Note whether an action has goals in work, whoever sent them."""
+        if any(each.status < GoalStatus.STATUS_SUCCEEDED for each in message.status_list):
+            self._at_work.setdefault(action, watch_server(self, action))
+        elif message.status_list:
+            self._ended(action)
+
+    def _ended(self, action: str) -> None:
+        """When the last goal of all has ended nothing is done any more."""
+        self._at_work.pop(action, None)
+        if not self._at_work:
             self._state.put(stage="idle")
 
     # the page
 
     def _update(self) -> None:
         now, steady, seen = time.time(), time.monotonic(), self._page.seen
+        for action in [action for action, server in list(self._at_work.items()) if server.lost()]:
+            self._log(f"who serves {action} has gone in the middle of it", Level.ERROR)
+            self._ended(action)
         if seen != ("cloud" in self._polled):
             self._watch(seen)
         self._take_all()
@@ -312,16 +326,18 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
         def finish(ended: Any) -> None:
             if ended.result().status == GoalStatus.STATUS_UNKNOWN:
-                lost = "/clear_table does not know the run: it was started anew meanwhile"
-                self._log(lost, Level.ERROR)
-                self._state.put(stage="idle")
+                self._log("/clear_table does not know the run: it was started anew meanwhile", Level.ERROR)
                 return
             result = ended.result().result
             level = Level.OK if result.error_code in _AS_WISHED else Level.WARN
+            if result.error_code == ErrorCode.TASK_BUSY:
+                self._log(result.message, level, result.error_code)
+                return
             done = f"{result.successes} of {plural(result.attempts, 'grasp')} succeeded"
-            self._log(f"run ended: {result.message}; {done}", level, result.error_code)
-            if result.error_code != ErrorCode.TASK_BUSY:
-                self._state.put(stage="idle", sentence=done if level == Level.OK else result.message)
+            done += f", {plural(result.pushes, 'push')}" if result.pushes else ""
+            told = result.message if done in result.message else f"{result.message}; {done}"
+            self._log(f"run ended: {told}", level, result.error_code)
+            self._state.put(sentence=told)
             if result.successes:
                 self._page.forget_target(target)
 
