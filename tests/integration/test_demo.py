@@ -106,6 +106,8 @@ def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(
         ("demo.sh", "--bogus", "--bogus"),
         ("demo.sh", "--objects 99", "0 to 30 are possible"),
         ("demo.sh", "--params none.yaml", "none.yaml"),
+        ("demo.sh", "--out=/proc/run", "cannot be written to /proc/run/logs"),
+        ("start_suite.sh", "--log /proc", "cannot be written to /proc"),
     ],
 )
 def test_a_wrong_option_is_said_before_anything_starts(

@@ -13,6 +13,7 @@ repo=$(cd "$here/../../../.." && pwd -P)
 seed=${SEED:-0} objects=${OBJECTS:-5} out=${OUT:-}
 view=${VIEW:-} suite=() rest=()
 while [[ $# -gt 0 ]]; do
+  if [[ $1 =~ ^(--[a-z-]+)=(.*)$ ]]; then set -- "${BASH_REMATCH[1]}" "${BASH_REMATCH[2]}" "${@:2}"; fi
   if [[ $1 =~ ^--(seed|objects|out|params|timeout)$ && $# -lt 2 ]]; then echo "demo.sh: $1 needs a value" >&2; exit 2; fi
   case $1 in
     --seed) seed=$2; shift 2 ;;

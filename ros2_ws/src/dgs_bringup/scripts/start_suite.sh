@@ -55,8 +55,8 @@ elif ! type -P ros2 >/dev/null; then
   refuse "no ros2 on PATH; source the workspace first"
 fi
 for file in "${params[@]}"; do python3 -m dgs_bringup.suite_file --check "$file" || refuse "nothing was started"; done
-if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
-mkdir -p "$log"
+if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX) || refuse "the nodes' logs have no folder"; fi
+{ mkdir -p "$log" && touch "$log/wait_ready.log"; } || refuse "the nodes' logs cannot be written to $log"
 
 names=() pids=() command_pid='' view_pid='' extras=() waiting=''
 
