@@ -68,9 +68,7 @@ class Demo:
             result = self._clear_table(goal, time_limit)
             seconds, simulated = time.monotonic() - begin, self._recorder.truth.time - simulated
             self._recorder.filming = False
-        self._save_last_picture()
-        frames = write_gif(self._out / "run.gif", self._recorder.frames)
-        self._line("save", f"animation of {frames} frames")
+        self._save_pictures()
         timed_out = result.error_code == ErrorCode.TASK_CANCELLED and not self.stop.is_set()
         summary = summarise(
             true_records(result.records, self._outcomes),
@@ -168,22 +166,24 @@ class Demo:
             now = self._session.node.get_clock().now().nanoseconds * 1e-9
             self._timeline.append({"time": round(now, 2), "attempt": attempt, "stage": stage})
 
-    def _save_last_picture(self) -> None:
+    def _save_pictures(self) -> None:
         try:
+            frames = write_gif(self._out / "run.gif", self._recorder.frames)
+            self._line("save", f"animation of {frames} frames")
             self._save("after.png", self._recorder.picture(timeout=10.0))
-        except TimeoutError as error:  # a dead camera must not cost the summary
-            self._line("save", f"no picture after the run: {error}")
+        except OSError as error:  # neither a full disk nor a dead camera (TimeoutError) must cost the summary
+            self._line("save", f"not all pictures of the run: {error}")
 
     def _save(self, name: str, picture: Any) -> None:
         Image.fromarray(picture).save(self._out / name)
 
     def _write(self, summary: dict[str, Any]) -> None:
-        """To the run folder and to the terminal."""
-        (self._out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        """To the terminal and to the run folder."""
         end = f"seed {self._seed} ended ({summary['error_code']}): {summary['message']}"
         self._console.print(end, markup=False, highlight=False, soft_wrap=True)
         self._console.print(summary_table(summary))
-        self._console.print(f"run folder: {self._out}", soft_wrap=True)
+        (self._out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        self._console.print(f"run folder: {self._out}", markup=False, highlight=False, soft_wrap=True)
 
     def _line(self, stage: str, message: str, attempt: int = 0) -> None:
         """One progress line, also written onto the frames of the animation."""
@@ -246,7 +246,7 @@ def main(
             if stay and not demo.stop.is_set():
                 console.print("the suite goes on for the live page; Ctrl-C ends it")
                 demo.stop.wait()
-        except (TimeoutError, RuntimeError) as error:
+        except (OSError, RuntimeError) as error:  # of an OSError also TimeoutError
             console.print(f"the demo failed: {error}", markup=False)
             code = EXIT_FAILED
     raise typer.Exit(code)
