@@ -56,3 +56,18 @@ def test_the_picture_shows_bars(tmp_path: Path) -> None:
         main(tmp_path / "summary.json", tmp_path / "picture.png", first=7, count=2)
     for colour in ((0x48, 0x78, 0xA8), (0xE0, 0xA0, 0x40)):
         assert (np.abs(picture.astype(int) - colour).max(axis=-1) < 4).sum() > 500
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]", "{}", '{"timeline": [{"time": 1.0}]}', "\0\xff"])
+def test_a_file_that_is_no_summary_of_a_demo_is_refused(tmp_path: Path, text: str | None) -> None:
+    if text is not None:
+        (tmp_path / "summary.json").write_text(text, encoding="latin-1")
+    with pytest.raises(typer.BadParameter, match="no summary"):
+        main(tmp_path / "summary.json", tmp_path / "picture.png")
+
+
+@pytest.mark.parametrize("name", ["none/picture.png", "picture.what"])
+def test_a_picture_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "summary.json").write_text(json.dumps({"timeline": RUN}))
+    with pytest.raises(typer.BadParameter, match="no picture can be written"):
+        main(tmp_path / "summary.json", tmp_path / name)

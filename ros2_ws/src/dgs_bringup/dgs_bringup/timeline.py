@@ -91,10 +91,16 @@ def main(
 ) -> None:
     """Draw what ran beside what in some attempts of a demo run."""
     wanted = range(first, first + count)
-    stages = [bar for bar in bars(json.loads(summary.read_text())["timeline"]) if bar.attempt in wanted]
+    try:
+        stages = [bar for bar in bars(json.loads(summary.read_text())["timeline"]) if bar.attempt in wanted]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise typer.BadParameter(f"{summary} is no summary.json of a demo run: {error!r}") from error
     if not stages:
         raise typer.BadParameter(f"the run has no attempts {first} to {first + count - 1}")
-    draw(stages, out)
+    try:
+        draw(stages, out)
+    except (OSError, ValueError) as error:
+        raise typer.BadParameter(f"no picture can be written to {out}: {error}") from error
     typer.echo(f"{out}: {overlap_seconds(stages):.1f} s of looking and planning beside motion")
 
 
