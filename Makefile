@@ -62,7 +62,7 @@ setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and
 
 $(VENV)/.requirements: $(REQUIREMENTS) requirements/constraints.txt ros2_ws/tools/link_sources.py
 	@bash ros2_ws/tools/check_system.sh "$(PYTHON)"
-	@if [[ ! -x $(VENV)/bin/python ]]; then echo "creating $(VENV)"; "$(PYTHON)" -m venv $(VENV_FLAGS) $(VENV); fi
+	@if [[ ! -x $(VENV)/bin/pip ]]; then echo "creating $(VENV)"; "$(PYTHON)" -m venv $(VENV_FLAGS) $(VENV); fi
 	@$(VENV)/bin/python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
 	  { echo "$(VENV) is of another Python; remove it: make clean && rm -r $(VENV)" >&2; exit 1; }
 	@echo "installing the requirements (some minutes the first time)"
