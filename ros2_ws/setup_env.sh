@@ -22,6 +22,12 @@ _dgs_setup_env() {
   repo=$(dirname "$workspace")
   venv=${DGS_VENV:-$repo/.venv}
   source "$workspace/tools/ros_mode.sh"
+  # Where ROS_DISTRO alone is set, AMENT_PREFIX_PATH is empty, or holds what this script has put there.
+  if [[ $dgs_ros_mode == wheels && ${ROS_DISTRO:-jazzy} != jazzy && ":${AMENT_PREFIX_PATH:-$venv}:" != *":$venv:"* ]]; then
+    echo "setup_env.sh: ROS 2 $ROS_DISTRO is sourced in this shell and would be taken for Jazzy; use a shell without it" \
+      "(is it sourced in ~/.bashrc?)" >&2
+    return 1
+  fi
   if [[ -n $dgs_ros_setup ]]; then source "$dgs_ros_setup" || return 1; fi
 
   if [[ -x $venv/bin/python ]]; then

@@ -9,6 +9,10 @@ complain() {
   missing=1
 }
 
+repo=$(cd "${BASH_SOURCE[0]%/*}/../.." && pwd -P)
+[[ $repo != *[[:space:]]* ]] ||
+  complain "a path without blanks: the nodes' start scripts name their interpreter in the first line, and Linux
+         takes no blanks there. Move this folder: '$repo'"
 if ! command -v "$python" >/dev/null; then
   complain "Python 3.11 or 3.12 ('$python' not found). Ubuntu 24.04: sudo apt install python3 python3-venv python3-dev.
          Debian 12 has 3.11 under the same names. Another interpreter: make setup PYTHON=/path/to/python3.11"

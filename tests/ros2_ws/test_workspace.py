@@ -161,6 +161,16 @@ def test_environment_script_without_anything_installed_says_what_to_do(bare_env,
     assert "make setup" in result.stderr
 
 
+def test_environment_script_beside_another_distribution_of_ros_says_so(bare_env, tmp_path):
+    (tmp_path / "rclpy").mkdir()
+    (tmp_path / "rclpy/__init__.py").write_text("raise ImportError('of another Python')\n")
+    other = {"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    script = f"source '{WORKSPACE}/setup_env.sh' && python3 -c 'import rclpy'"
+    result = run("bash", "-c", script, env={**bare_env, "DGS_ROS": "wheels", **other})
+    assert result.returncode == 1
+    assert result.stderr.startswith("setup_env.sh: ROS 2 humble is sourced in this shell")
+
+
 def test_environment_script_in_another_shell_says_that_it_needs_bash(bare_env):
     result = run("sh", "-c", f"unset BASH_VERSION; . '{WORKSPACE}/setup_env.sh'", env=bare_env)
     assert (result.returncode, result.stderr) == (1, "setup_env.sh needs bash\n")
@@ -265,6 +275,16 @@ def test_check_system_names_what_is_missing_and_how_to_get_it(tmp_path):
     assert result.returncode == 1
     for word in ("Python 3.11", "C++ compiler", "cmake", "make", "sudo apt install"):
         assert word in result.stderr
+
+
+def test_check_system_refuses_a_folder_with_blanks_in_its_path(bare_env, tmp_path):
+    tools = tmp_path / "my projects/ros2_ws/tools"
+    tools.mkdir(parents=True)
+    script = tools / "check_system.sh"
+    script.write_text((WORKSPACE / "tools/check_system.sh").read_text())
+    result = run("bash", script, sys.executable, env=bare_env)
+    assert result.returncode == 1
+    assert "without blanks" in result.stderr and f"'{tmp_path}/my projects'" in result.stderr
 
 
 def test_check_system_refuses_another_python_and_an_old_cmake(tmp_path):
