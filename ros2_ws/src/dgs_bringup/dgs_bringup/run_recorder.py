@@ -24,6 +24,8 @@ COLOUR_TOPIC = "/camera/camera/color/image_raw"
 FRAME_PERIOD = 0.5
 """Wall time between two frames of the animation [s]."""
 FRAME_WIDTH = 424
+MOST_FRAMES = 600
+"""Are kept, five minutes at this pace: 180 MB. Of a longer run every second one, at half the pace from then on."""
 NEXT = 20.0
 """Pictures and clouds come within so long [s]; a busy machine needs it."""
 
@@ -42,7 +44,7 @@ class RunRecorder:
         self.label = ""
         self.filming = False
         self._node = node
-        self._next_frame = 0.0
+        self._next_frame, self._period = 0.0, FRAME_PERIOD
         node.create_subscription(Image, COLOUR_TOPIC, self._on_image, qos_profile_sensor_data)
         node.create_subscription(SimState, "/sim/state", self._on_state, 10)
 
@@ -72,7 +74,10 @@ class RunRecorder:
     def _on_image(self, message: Image) -> None:
         if not self.filming or time.monotonic() < self._next_frame:
             return
-        self._next_frame = time.monotonic() + FRAME_PERIOD
+        if len(self.frames) == MOST_FRAMES:
+            del self.frames[1::2]
+            self._period *= 2
+        self._next_frame = time.monotonic() + self._period
         image = colour_to_numpy(message)
         height = round(FRAME_WIDTH * image.shape[0] / image.shape[1])
         small = cv2.resize(image, (FRAME_WIDTH, height), interpolation=cv2.INTER_AREA)
