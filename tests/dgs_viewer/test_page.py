@@ -269,3 +269,16 @@ def test_it_fits_on_a_phone(session: Visit):
     visit(session.tab, "http://{}:{}/".format(*session.page.address), PHONE)
     assert session.tab.run("document.documentElement.scrollWidth") <= PHONE[0]
     assert session.asks("Stop") == ("stop",)
+
+
+def test_who_comes_alone_sees_the_present_wherever_the_last_one_left_the_timeline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    visitor = SimpleNamespace(camera=SimpleNamespace(aspect=1.6))
+    with page_of(ViewerState(), Asked()) as page:
+        for others, moment in ((1, 0.3), (0, 1.0)):
+            page._panel.moment.value = 0.3  # type: ignore[misc]
+            visitors = dict.fromkeys(range(others + 1))
+            monkeypatch.setattr(page._server, "get_clients", lambda visitors=visitors: visitors)
+            page._welcome(visitor)  # type: ignore[arg-type]
+            assert page._panel.moment.value == moment

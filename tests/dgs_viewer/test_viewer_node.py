@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from dgs_interfaces.action import ClearTable, ExecuteGrasp
+from dgs_interfaces.srv import SimReset
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
@@ -20,10 +21,12 @@ from std_srvs.srv import Trigger
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
 from dgs_viewer.page import Page
+from dgs_viewer.state import Offer
 from dgs_viewer.viewer_node import ViewerNode
 from tests.support.environment import wait_until
 from tests.support.ros_client import RosClient
@@ -79,6 +82,25 @@ def test_a_button_that_does_nothing_says_so_in_the_head_of_the_panel(
     wait_until(viewer._reset.service_is_ready)
     viewer.reset()
     wait_until(lambda: viewer._state.now.sentence == "reset: the robot is in a protective stop")
+
+
+def test_another_scene_is_shown_without_the_hands_of_the_one_before(
+    ros_client: RosClient, viewer: ViewerNode
+) -> None:
+    given = iter((int(ErrorCode.SIM_SCENE), 0))
+
+    def reset(_: SimReset.Request, answer: SimReset.Response) -> SimReset.Response:
+        answer.error_code, answer.message = next(given), "as asked"
+        return answer
+
+    ros_client.node.create_service(SimReset, "/sim/reset", reset)
+    wait_until(viewer._sim.service_is_ready)
+    viewer._state.put(offer=Offer(GraspSet.empty()))
+    viewer.new_scene(1, 5)
+    wait_until(lambda: [event.code for event in viewer._state.recent(1)] == [ErrorCode.SIM_SCENE])
+    assert viewer._state.now.offer is not None
+    viewer.new_scene(1, 5)
+    wait_until(lambda: viewer._state.now.offer is None)
 
 
 def test_what_stays_wrong_is_logged_once_whatever_else_is_said(viewer: ViewerNode) -> None:

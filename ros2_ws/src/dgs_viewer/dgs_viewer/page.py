@@ -53,7 +53,7 @@ class Page:
         self._panel.forget.on_click(lambda _: self._aim(None))
         self._server.scene.on_click()(self._on_click)
         self._server.scene.on_rect_select(modifier="shift")(self._on_rectangle)
-        self._server.on_client_connect(self._step_back)
+        self._server.on_client_connect(self._welcome)
         self._shown: tuple[object, ...] = (None,) * 3
         self._sample = Sample()
         self._frozen: tuple[float, float] | None = None
@@ -154,9 +154,10 @@ class Page:
         cloud = self._sample.cloud
         return np.zeros((0, 3)) if cloud is None else cloud.points.astype(np.float64)
 
-    @staticmethod
-    def _step_back(client: viser.ClientHandle) -> None:
-        """On a screen that is higher than wide the scene needs more distance."""
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        """Who comes alone sees the present; on a screen that is higher than wide the scene needs more distance."""
+        if len(self._server.get_clients()) <= 1:
+            self._panel.moment.value = 1.0  # type: ignore[misc]  # viser sets it by __setattr__
         if client.camera.aspect < 1.0:
             centre = CENTRE - (0.0, 0.0, _BELOW)  # the panel covers the lower half
             client.camera.position = centre + _FARTHER * (EYE - CENTRE)

@@ -354,6 +354,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
             code = getattr(answer, "error_code", 0)
             well = code == 0 and getattr(answer, "success", True)
             self._log(f"{what}: {answer.message}", Level.OK if well else Level.ERROR, code)
+            if client is self._sim and well:  # what was predicted lay there before
+                self._state.put(offer=None)
 
         client.call_async(request).add_done_callback(told)
 
