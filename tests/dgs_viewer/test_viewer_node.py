@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -167,8 +168,8 @@ def test_the_page_is_idle_when_goals_have_ended_that_it_did_not_send(
         return bool(viewer._state.now.stage == stage)
 
     for name in kinds:  # of /execute_grasp plan_pick sends such
-        wait_until(lambda name=name: told(name, GoalStatus.STATUS_EXECUTING, "carry"))
-        wait_until(lambda name=name: told(name, GoalStatus.STATUS_SUCCEEDED, "idle"))
+        wait_until(partial(told, name, GoalStatus.STATUS_EXECUTING, "carry"))
+        wait_until(partial(told, name, GoalStatus.STATUS_SUCCEEDED, "idle"))
     wait_until(lambda: told("/clear_table", GoalStatus.STATUS_EXECUTING, "carry"))
     wait_until(lambda: told("/execute_grasp", GoalStatus.STATUS_SUCCEEDED, "carry"))
     ros_client.node.destroy_publisher(status["/clear_table"])
