@@ -75,8 +75,10 @@ def reserved_domain_id() -> Iterator[int]:
     folder.mkdir(exist_ok=True)
     for step in range(len(DOMAIN_IDS)):
         domain_id = DOMAIN_IDS[(start + step) % len(DOMAIN_IDS)]
-        if f":{7400 + 250 * domain_id:04X} " in Path("/proc/net/udp").read_text():
-            continue  # a suite is there: its port for discovery is bound
+        lines = Path("/proc/net/udp").read_text().splitlines()[1:]
+        ports = {int(line.split()[1].rpartition(":")[2], 16) for line in lines}
+        if ports.intersection(range(7400 + 250 * domain_id, 7650 + 250 * domain_id)):
+            continue  # a suite is there
         with (folder / f"{domain_id}.lock").open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

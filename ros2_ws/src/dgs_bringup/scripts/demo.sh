@@ -39,8 +39,9 @@ if [[ -z ${ROS_DOMAIN_ID-} ]]; then
   mkdir -p "$locks"
   for ((step = 0; step < 100; step++)); do
     id=$(((step + $$) % 100 + 1))
-    # Another suite is there: it has bound the domain's port for discovery.
-    if grep -qi ":$(printf %04X $((7400 + 250 * id))) " /proc/net/udp; then continue; fi
+    # Another suite is there: it has bound one of the domain's ports.
+    first=$((7400 + 250 * id))
+    if grep -qE ":($(printf '%04X|' $(seq $first $((first + 249))))-) " /proc/net/udp; then continue; fi
     exec {lock}>"$locks/$id.lock"
     if flock --nonblock "$lock"; then
       export ROS_DOMAIN_ID=$id
