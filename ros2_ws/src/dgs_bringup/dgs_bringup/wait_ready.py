@@ -14,6 +14,9 @@ from dgs_bringup.ros_session import RosSession, wait_until
 SETTLING = 4.0
 """So long all nodes may take to say that they are well: they report once a second, a silent camera after 2 s [s]."""
 
+DISCOVERY = 2.0
+"""Whoever is in the ROS domain is seen within so long [s]."""
+
 
 def missing(node: Node, mode: str) -> list[str]:
     """Services, actions and topics of the mode's nodes that nobody offers yet, as seen by `node`."""
@@ -26,11 +29,14 @@ def missing(node: Node, mode: str) -> list[str]:
 def wait_ready(
     mode: Annotated[str, typer.Option(help="simulation, robot or replay")] = "simulation",
     timeout: Annotated[float, typer.Option(help="Time limit [s].")] = 60.0,
+    before: Annotated[bool, typer.Option("--before", help="See that nothing of it is there yet.")] = False,
 ) -> None:
     """End with 0 when everything is there, with 1 and a list of what is missing after the time limit.
 
-    What nodes that are there complain of is printed, and does not change the exit code.
+    What nodes that are there complain of is printed, and does not change the exit code. `before`: end with 0 if nothing
+    of it is there, else with 1 and a list of what is.
     """
+    offers = [name for info in MODES[mode] for name in info.offers]
     statuses: dict[str, DiagnosticStatus] = {}
 
     def complaints() -> list[DiagnosticStatus]:
@@ -40,7 +46,18 @@ def wait_ready(
         heard = {status.hardware_id for status in list(statuses.values())}
         return heard.issuperset(info.name for info in MODES[mode]) and not complaints()
 
+    def there() -> list[str]:
+        still_missing = missing(session.node, mode)
+        return [name for name in offers if name not in still_missing]
+
     with RosSession("wait_ready") as session:
+        if before:
+            if wait_until(there, DISCOVERY):
+                other = "another suite runs in this ROS domain, and both would take every goal"
+                cure = "end it, or set another ROS_DOMAIN_ID for one of them"
+                typer.echo(f"there already: {', '.join(there())}: {other}; {cure}", err=True)
+                raise typer.Exit(1)
+            return
         session.node.create_subscription(
             DiagnosticArray,
             "/diagnostics",

@@ -17,8 +17,8 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
              and Foxglove (robot_state; not in mode robot, where the driver does); their end does not end the suite
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
-Exit code: that of COMMAND; 0 after Ctrl-C; 2 if an option is wrong; 3 if a node ended by itself; 4 if the nodes were not
-ready in time.
+Exit code: that of COMMAND; 0 after Ctrl-C; 2 if an option is wrong or another suite runs in this ROS domain; 3 if a node
+ended by itself; 4 if the nodes were not ready in time.
 TEXT
 }
 
@@ -43,6 +43,8 @@ while [[ $# -gt 0 ]]; do
   esac
 done
 [[ $mode =~ ^(simulation|robot|replay)$ ]] || refuse "--mode is simulation, robot or replay, not '$mode'"
+domain=${ROS_DOMAIN_ID:-0}
+[[ $domain =~ ^(0|[1-9][0-9]{0,2})$ && $domain -le 232 ]] || refuse "ROS_DOMAIN_ID is a number from 0 to 232, not '$domain'"
 [[ $timeout =~ ^0*[1-9][0-9]*(\.[0-9]+)?$ ]] || refuse "--timeout is a number of seconds, not '$timeout'"
 for file in "${params[@]}"; do [[ -f $file ]] || refuse "there is no parameter file $file"; done
 [[ $mode != replay || -n $bag ]] || refuse "--mode replay needs --bag"
@@ -55,6 +57,11 @@ elif ! type -P ros2 >/dev/null; then
   refuse "no ros2 on PATH; source the workspace first"
 fi
 for file in "${params[@]}"; do python3 -m dgs_bringup.suite_file --check "$file" || refuse "nothing was started"; done
+# Whoever is in the ROS domain has bound one of its ports.
+first=$((7400 + 250 * domain))
+if grep -qE ":($(printf '%04X|' $(seq $first $((first + 249))))-) " /proc/net/udp; then
+  python3 -m dgs_bringup.wait_ready --mode "$mode" --before || refuse "nothing was started"
+fi
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX) || refuse "the nodes' logs have no folder"; fi
 { mkdir -p "$log" && touch "$log/wait_ready.log"; } || refuse "the nodes' logs cannot be written to $log"
 
