@@ -100,7 +100,6 @@ class Trainer:
             folder: of checkpoint, averaged weights and curves.
             notes: what else the weights shall say about themselves, JSON-ready.
         """
-        malloc.mallopt(malloc.MMAP_MAX, 0)  # what is mapped anew for every layer costs a tenth of a step
         torch.manual_seed(settings.seed)
         if settings.threads:
             torch.set_num_threads(settings.threads)
