@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_learning.evaluation import robot
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
+from dgs_learning.evaluation.run import run_row
 from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
+from tests.support.refused import refused
 
 pytestmark = pytest.mark.integration
 
@@ -54,7 +56,6 @@ def test_a_scene_that_cannot_be_made_is_no_result(tmp_path: Path) -> None:
 
 
 def test_missing_weights_are_refused_before_anything_is_started(tmp_path: Path) -> None:
-    with pytest.raises(DgsError) as error:
-        run_robot(OBJECTS, replace(ONE, weights=str(tmp_path / "none")), {}, tmp_path / "run")
-    assert error.value.code is ErrorCode.WEIGHTS_MISSING
+    with refused(ErrorCode.WEIGHTS_MISSING, "none"):
+        run_row(replace(ONE, weights=str(tmp_path / "none")), tmp_path / "run")
     assert not (tmp_path / "run").exists()

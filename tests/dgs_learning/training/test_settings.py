@@ -197,5 +197,7 @@ def test_the_documented_way_on_a_bare_machine() -> None:
     """tests/test_commands.py reads the other commands."""
     text = (ROOT / "docs" / "training.md").read_text()
     assert f"export PYTHONPATH={':'.join(str(root.relative_to(ROOT)) for root in SOURCE_ROOTS)}\n" in text
-    (several,) = re.findall(r"^torchrun .* -m dgs_learning.training (.*)", text, re.MULTILINE)
-    parser().parse_args(several.split())
+    of_gpus_and_of_cores = re.findall(r"^torchrun .* -m dgs_learning.training (.*)", text, re.MULTILINE)
+    assert len(of_gpus_and_of_cores) == 2
+    for options in of_gpus_and_of_cores:
+        parser().parse_args(options.split())
