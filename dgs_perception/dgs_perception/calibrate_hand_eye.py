@@ -17,6 +17,7 @@ from dgs_description.cell import QUATERNION_TOLERANCE, save_camera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.frames import Array, from_quaternion, to_quaternion
+from dgs_description.yaml_text import load_yaml
 from dgs_perception.board import CharucoBoard
 from dgs_perception.hand_eye import MAX_RESIDUAL, MAX_SPREAD, HandEye, calibrate
 
@@ -43,7 +44,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None)
 def read_samples(path: Path) -> tuple[Array, Array]:
     """Poses (N, 4, 4) of `tool0` in `base_link` and board in the optical frame. Raises DgsError CALIBRATION_DATA."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
         samples = content["samples"]
         board = CharucoBoard(**content["board"]) if "board" in content else None
         if not isinstance(samples, list) or not samples:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 from dgs_description.cell import CELL
+from dgs_description.yaml_text import load_yaml
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
 from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
@@ -184,7 +185,7 @@ def _values(which: str, extending: tuple[str, ...] = ()) -> dict[str, Any]:
     if not file.is_file():
         raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
     try:
-        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+        values = load_yaml(file.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ValueError(f"{file} is no YAML: {error}") from error
     if not isinstance(values, dict):

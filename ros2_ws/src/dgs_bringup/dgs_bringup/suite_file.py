@@ -17,6 +17,7 @@ import yaml
 
 from dgs_bringup.nodes import NODES
 from dgs_description.parameters import constraints_of, declared
+from dgs_description.yaml_text import load_yaml
 
 SUITE_FILE = Path(__file__).resolve().parents[1] / "config" / "suite.yaml"
 WIDTH = 120
@@ -47,7 +48,7 @@ def check(path: Path) -> None:
         ValueError: it does, or it cannot be read.
     """
     try:
-        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
+        entries = load_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     if not isinstance(entries, dict):

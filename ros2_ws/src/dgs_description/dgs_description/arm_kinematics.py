@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
+from dgs_description.yaml_text import load_yaml
 
 DH_A = (0.0, -0.24365, -0.21325, 0.0, 0.0, 0.0)
 DH_D = (0.1519, 0.0, 0.0, 0.11235, 0.08535, 0.0819)
@@ -74,7 +75,7 @@ def read_kinematics(path: Path) -> ArmKinematics:
         DgsError: DESCRIPTION_MISSING, there is no such file; PARAMETER_INVALID, it is not what `ur_calibration` writes.
     """
     try:
-        links = yaml.safe_load(path.read_text(encoding="utf-8"))["kinematics"]
+        links = load_yaml(path.read_text(encoding="utf-8"))["kinematics"]
         table = np.array([[float(links[link][value]) for value in _VALUES] for link in LINKS])
         name = str(links["hash"])
     except (FileNotFoundError, NotADirectoryError) as error:

@@ -32,6 +32,7 @@ from dgs_description.frames import (
     transform,
 )
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
+from dgs_description.yaml_text import load_yaml
 
 CHOICE = "DGS_CELL"
 MAX_DISTANCE = 10.0
@@ -234,7 +235,7 @@ def save_camera(path: Path, T_base_camera_optical: Array) -> None:
     kept = _without(path.read_text(encoding="utf-8"), camera) if path.exists() else ""
     text = kept + _dumped(camera)
     try:
-        as_meant = yaml.safe_load(text) == merged
+        as_meant = load_yaml(text) == merged
     except yaml.YAMLError:  # all on one line, say, or with a mark at its end
         as_meant = False
     try:
@@ -261,7 +262,7 @@ def _without(text: str, names: Collection[str]) -> str:
 
 def _read(path: Path) -> dict[Any, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError) as error:
         missing = f"no cell at {path}: name its file in {CHOICE}, or unset it"
         raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing) from error

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.hand_facts import Capsule, GraspFacts, Index, LevelPinch, LinkFacts, Mask
 from dgs_description.hand_model import JOINTS_PER_FINGER, HandModel
+from dgs_description.yaml_text import load_yaml
 
 HANDS = Path(__file__).resolve().parent / "hands"
 FILE = "hand.yaml"
@@ -50,7 +50,7 @@ def load_hand(name: str | Path) -> HandModel:
     folder = Path(name) if "/" in str(name) else HANDS / str(name)
     path = folder / FILE
     try:
-        return hand_of(yaml.safe_load(path.read_text(encoding="utf-8")), folder.resolve().name)
+        return hand_of(load_yaml(path.read_text(encoding="utf-8")), folder.resolve().name)
     except (FileNotFoundError, NotADirectoryError) as error:
         known = f"{', '.join(hand_names())}, or a folder of your own by its path, such as ./{folder.name}"
         missing = f"no hand {str(name)!r}: {path} is missing; there are {known}"
@@ -153,23 +153,18 @@ class _Node:
         return [_Node(value, f"{self.where}[{k}]") for k, value in enumerate(self.value)]
 
     def number(self, least: float = -np.inf) -> float:
-        value = self.value
-        if isinstance(value, str):  # PyYAML takes 1e-3 for a word
-            with suppress(ValueError):
-                value = float(value)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise self.wrong("must be a number")
-        if not abs(value) <= sys.float_info.max or value < least:
+        if not abs(self.value) <= sys.float_info.max or self.value < least:
             raise self.wrong(
                 f"must be a finite number{'' if least == -np.inf else f' of at least {least:g}'}"
             )
-        return float(value)
+        return float(self.value)
 
     def count(self, least: int) -> int:
-        number = self.number(least)
-        if not number.is_integer():
+        if self.number(least) != int(self.value):
             raise self.wrong("must be a whole number")
-        return int(number)
+        return int(self.value)
 
     def numbers(self, count: int, least: float = -np.inf) -> Array:
         return np.array([item.number(least) for item in self.items(count)])
