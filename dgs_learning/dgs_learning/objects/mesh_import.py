@@ -78,7 +78,7 @@ class ImportSettings:
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
-    """Mesh files among files and folders, each folder searched to its depth; what it has imported already is left out.
+    """Mesh files among files and folders, each once; folders are searched to their depth, except what was imported.
 
     Raises:
         DgsError: a path is missing or no mesh, or a folder holds none.
@@ -88,13 +88,13 @@ def find_meshes(given: Iterable[Path]) -> list[Path]:
         if not path.exists():
             raise _refused(f"{path} does not exist")
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
-        imported = path / "objects" if (path / "manifest.json").is_file() else None
-        meshes = [f for f in files if f.suffix.lower() in SUFFIXES and imported not in f.parents]
+        imported = {f.parent / "objects" for f in files if f.name == "manifest.json"}
+        meshes = [f for f in files if f.suffix.lower() in SUFFIXES and imported.isdisjoint(f.parents)]
         if not meshes:
             kind = "holds no" if path.is_dir() else "is not one of"
             raise _refused(f"{path} {kind} {', '.join(SUFFIXES)}")
         found += meshes
-    return found
+    return list(dict.fromkeys(found))
 
 
 def names_of(paths: list[Path]) -> list[str]:

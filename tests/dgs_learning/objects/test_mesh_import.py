@@ -174,6 +174,10 @@ def test_command_adds_to_a_folder_and_refuses_in_a_sentence(tmp_path: Path) -> N
     assert classes == {"can": "cylinder", "box": "stick"}
     trimesh.creation.box(extents=(0.04, 0.05, 0.06)).export(out / "more.stl")
     assert [file.name for file in find_meshes([out])] == ["more.stl"], "not what it has imported"
+    above = find_meshes([tmp_path, tmp_path / "can.stl"])
+    assert sorted(file.name for file in above) == ["box.obj", "can.stl", "more.stl"], (
+        "nor from above, and once"
+    )
     box = str(tmp_path / "box.obj")
     for text in ("{", "[]", "{}"):
         (out / "manifest.json").write_text(text)
