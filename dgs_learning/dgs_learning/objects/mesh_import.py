@@ -129,6 +129,7 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     if not mesh.is_watertight:  # in a closed mesh a sliver closes a gap
         mesh.update_faces(mesh.nondegenerate_faces())
+        mesh.remove_unreferenced_vertices()
     flat = _refused(f"{path} is flat, it has no volume")
     if not len(mesh.faces):  # slivers all of them
         raise flat

@@ -72,6 +72,14 @@ def test_a_scene_of_several_pieces_becomes_one_object(tmp_path: Path) -> None:
     assert np.allclose(np.sort(mesh.extents), [0.03, 0.03, 0.055], atol=1e-6)
 
 
+def test_a_face_without_area_leaves_nothing_behind(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(0.04, 0.05, 0.06))
+    corners, far = [*box.vertices, (0.3, 0.3, 0.3)], (8, 8, 8)
+    trimesh.Trimesh(corners, [*box.faces[1:], far], process=False).export(tmp_path / "open.obj")
+    mesh = read_mesh(tmp_path / "open.obj", ImportSettings())
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), (0.04, 0.05, 0.06))
+
+
 def test_a_concave_mesh_is_cut_into_parts_that_fill_it() -> None:
     mesh = l_shape()
     assert mesh.is_volume and mesh.volume == pytest.approx(90e-6, rel=0.01)
