@@ -31,7 +31,8 @@ from dgs_learning.synthesis.trial import RULES, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 STAGES = (1, 2)
-THUMB_PITCH = HAND.joints.index("thumb_joint2")
+THUMB_PITCH = 1
+"""The second joint of the first finger, whatever a hand calls it."""
 
 
 @dataclass(frozen=True)

@@ -240,8 +240,11 @@ def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
     text = (HANDS / "allegro" / FILE).read_text().replace("name: allegro", "name: mine")
+    text = re.sub(r"\bthumb\b", "first", text)
     (folder / FILE).write_text(text.replace("friction: 0.02", "friction: 2e-2"))
     assert load_hand(folder).name == "mine" and load_hand(folder).friction == 0.02
+    code = "from dgs_learning.validation import HAND, THUMB_PITCH; print(HAND.joints[THUMB_PITCH])"
+    assert in_process_of(folder, code).strip().endswith("first_joint2")
 
 
 def test_an_unknown_hand_is_refused() -> None:
