@@ -18,7 +18,7 @@ from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import DEFAULT, HAND, check_hand
 from dgs_learning.objects.symmetry import symmetries
-from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
+from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays, pieces
 
 VERSION = 2
 GUIDED, UNIFORM, LEVEL, VARIED = SOURCES = ("guided", "uniform", "level", "varied")
@@ -268,10 +268,6 @@ def _stack(parts: Sequence[NDArray], dtype: type, shape: tuple[int, ...] = ()) -
     return np.concatenate([np.zeros((0, *shape)), *parts]).astype(dtype)
 
 
-def _split(values: NDArray, counts: NDArray) -> list[NDArray]:
-    return np.split(values, np.cumsum(counts))[: len(counts)]
-
-
 def load_dataset(path: Path) -> GraspDataset:
     """Read what `save_dataset` wrote.
 
@@ -284,8 +280,8 @@ def load_dataset(path: Path) -> GraspDataset:
         version = int(data.get("version", 0))
         if version != VERSION:
             raise ValueError(f"it has version {version}, this program reads {VERSION}")
-        return _from_arrays(data)
-    except (OSError, ValueError, KeyError, IndexError) as error:
+        return _consistent(_from_arrays(data))
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         what = f"the dataset {path} cannot be read: {error}"
         raise DgsError(ErrorCode.REQUEST_INVALID, what) from error
 
@@ -293,10 +289,10 @@ def load_dataset(path: Path) -> GraspDataset:
 def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
-    parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
+    parts = [pieces(data["scene_objects"].astype(np.int64), objects), pieces(poses, objects)]
     gap = data.get("grasp_gap", np.full((len(data["grasp_fingers"]), HAND.finger_count), _UNKNOWN))
     for name in ("instance", "grasp", "symmetry"):
-        parts.append(_split(data[f"scene_{name}"].astype(np.int64), grasps))
+        parts.append(pieces(data[f"scene_{name}"].astype(np.int64), grasps))
     return GraspDataset(
         objects=catalogue_from_arrays(data),
         first=data["first"].astype(np.int64),
@@ -314,3 +310,16 @@ def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
         drawn=data["drawn"].astype(np.int64),
         trials=data["trials"].astype(np.int64),
     )
+
+
+def _consistent(data: GraspDataset) -> GraspDataset:
+    """The dataset. Raises ValueError or IndexError where its tables do not belong together."""
+    counts = np.diff(data.first)
+    if data.first[0] != 0 or not len(data.objects) == len(counts) == len(data.drawn) == len(data.trials):
+        raise ValueError(f"its tables are not all of its {len(data.objects)} objects")
+    for of_each_grasp in (data.grasps.position, data.friction, data.gap):
+        pieces(of_each_grasp, counts)
+    for scene in data.scenes:
+        if (scene.grasp >= counts[scene.objects][scene.instance]).any():
+            raise ValueError("a scene has grasps that its objects have not")
+    return data

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError
@@ -98,6 +100,30 @@ def test_other_versions_are_refused(dataset: GraspDataset, tmp_path: Path, versi
     save_dataset(path, dataset)
     save_arrays(path, load_arrays(path) | {"version": version})
     with pytest.raises(DgsError, match=f"version {version}"):
+        load_dataset(path)
+
+
+@pytest.mark.parametrize(
+    ("array", "change"),
+    [
+        ("version", lambda version: [version, version]),
+        ("first", lambda first: first[:-1]),
+        ("first", lambda first: first[::-1]),
+        ("grasp_friction", lambda friction: friction[1:]),
+        ("trials", lambda trials: trials[1:]),
+        ("scene_instance", lambda instance: instance[1:]),
+        ("scene_grasp", lambda grasp: grasp + 100),
+        ("scene_objects", lambda objects: objects + 100),
+    ],
+)
+def test_tables_that_do_not_belong_together_are_refused(
+    dataset: GraspDataset, tmp_path: Path, array: str, change: Callable[[NDArray], ArrayLike]
+) -> None:
+    path = tmp_path / "d.npz"
+    save_dataset(path, dataset)
+    arrays = load_arrays(path)
+    save_arrays(path, arrays | {array: change(arrays[array])})
+    with pytest.raises(DgsError, match=r"d\.npz cannot be read"):
         load_dataset(path)
 
 

@@ -226,9 +226,9 @@ def _impossible(model: ObjectModel, why: str) -> DgsError:
 
 def catalogue_from_arrays(data: Mapping[str, NDArray]) -> list[ObjectModel]:
     """Objects from the arrays that `save_catalogue` writes, the dataset file too. Raises KeyError, ValueError."""
-    vertices = _pieces(data["vertices"], data["vertex_count"])
-    faces = _pieces(data["faces"].astype(np.int32), data["face_count"])
-    parts = _pieces(data["part_vertices"], data["part_vertex_count"])
+    vertices = pieces(data["vertices"], data["vertex_count"])
+    faces = pieces(data["faces"].astype(np.int32), data["face_count"])
+    parts = pieces(data["part_vertices"], data["part_vertex_count"])
     first = np.concatenate([[0], np.cumsum(data["part_count"])])
     if first[-1] != len(parts):
         raise ValueError(f"{len(parts)} parts belong to objects with {first[-1]}")
@@ -240,7 +240,8 @@ def catalogue_from_arrays(data: Mapping[str, NDArray]) -> list[ObjectModel]:
     return [ObjectModel(*row) for row in rows]
 
 
-def _pieces(stacked: NDArray, counts: NDArray) -> list[NDArray]:
+def pieces(stacked: NDArray, counts: NDArray) -> list[NDArray]:
+    """The rows of an array cut into pieces of so many rows each. Raises ValueError where they are not as many."""
     if (
         counts.ndim != 1
         or counts.dtype.kind not in "iu"
@@ -248,7 +249,7 @@ def _pieces(stacked: NDArray, counts: NDArray) -> list[NDArray]:
         or counts.sum() != len(stacked)
     ):
         raise ValueError(f"{len(stacked)} rows cannot be divided by the counts that come with them")
-    return np.split(stacked, np.cumsum(counts)[:-1])
+    return np.split(stacked, np.cumsum(counts))[: len(counts)]
 
 
 def _load_manifest(folder: Path) -> list[ObjectModel]:
