@@ -24,6 +24,7 @@ YAW_SLACK = np.deg2rad(4.0)
 
 PALM = HAND.palm_points()
 PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
+"""Points on the palm in `hand_tcp`, and a third of those less than 0.1 m behind the TCP, for a quick look [m]."""
 
 TABLE_SHARE = 0.9
 """Share of guided draws that approach an object resting on a table from above."""

@@ -12,14 +12,15 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ClosingPath, ContactPoints, contact_points, posed, touch
 from dgs_grasp_planner.contact.quality import pinch
+from dgs_learning.dataset import TOUCHING
 from dgs_learning.synthesis.candidates import PALM, Candidates
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 APPROACH = 0.1
 """Length of the straight approach along the TCP's z [m] (paper, section V-A)."""
-CONTACT, TOUCH = 5e-4, 0.003
-"""Clearance at which a finger stops, and up to which it counts as touching in the end: the steps are coarse [m]."""
+CONTACT = 5e-4
+"""Clearance at which a finger stops; the steps are coarse, so up to `TOUCHING` it counts as touching in the end [m]."""
 _SWEEP = np.arange(0.0125, APPROACH + 1e-9, 0.0125)
 
 
@@ -78,7 +79,7 @@ def close(candidates: Candidates, sdf: SignedDistance, steps: int = 24) -> Closu
     nearest = gap.argmin(-1)
     centre = np.take_along_axis(spheres, nearest[..., None, None], 2)[:, :, 0]
     point, normal = contact_points(centre, nearest, sdf)
-    return Closure((gap.min(-1) < TOUCH) & active, point, normal, joints)
+    return Closure((gap.min(-1) < TOUCHING) & active, point, normal, joints)
 
 
 def gap_of(model: ObjectModel, grasps: GraspSet) -> Array:

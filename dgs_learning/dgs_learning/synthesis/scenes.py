@@ -46,6 +46,7 @@ def make_scene(
     """Drop objects and let them settle; those that leave the area or never come to rest are left out.
 
     Args:
+        models: of the catalogue.
         objects: indices into it, in the order of dropping.
         area: x and y extent of the workspace [m].
     """

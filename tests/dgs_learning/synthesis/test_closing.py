@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.hand import HAND
+from dgs_learning.dataset import TOUCHING
 from dgs_learning.synthesis.candidates import sample_guided
-from dgs_learning.synthesis.closing import TOUCH, close, opposes
+from dgs_learning.synthesis.closing import close, opposes
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_learning.synthesis.stage_one import PINCH_OFFSET
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -17,7 +18,7 @@ def test_fingers_end_on_the_surface(block: ObjectModel, sdf: SignedDistance, ups
     closure = close(hands, sdf)
     met = closure.met
     assert 0 < met.sum() < met.size and not met[:, 3:].any(), "idle fingers touch nothing"
-    assert np.abs(sdf(closure.point[met])).max() < 2 * TOUCH
+    assert np.abs(sdf(closure.point[met])).max() < 2 * TOUCHING
     np.testing.assert_allclose(np.linalg.norm(closure.normal[met], axis=-1), 1.0, atol=1e-6)
     start, target = (HAND.split(q) for q in (hands.grasps.pre_grasp_joints, hands.grasps.grasp_joints))
     low, high = np.minimum(start, target) - 1e-9, np.maximum(start, target) + 1e-9
