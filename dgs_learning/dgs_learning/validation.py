@@ -208,9 +208,8 @@ def validate(
     data = load_dataset(file)
     numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
     if not len(numbers):
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"no grasp in {file} is of the classes and fingers that are asked for"
-        )
+        kind = " of the classes and fingers that are asked for" if classes or fingers else ""
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"{file} has no grasps of stage {stage}{kind}")
     made_by = revision()
     memory = Memory(kept_folder(folder, made_by), verbose=0)
     check = memory.cache(check_alone if stage == 1 else check_in_scene)

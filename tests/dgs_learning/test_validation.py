@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.errors import ErrorCode
 from dgs_learning import validation
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.evaluation.report.templates import render
@@ -16,7 +17,9 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.trial import RULES
 from dgs_learning.validation import check_alone, draw, of_kind, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
+from tests.dgs_learning.tiny_dataset import tiny_dataset
 from tests.support.commands import dgs
+from tests.support.refused import refused
 
 
 def test_a_larger_draw_contains_the_smaller_and_seeds_differ() -> None:
@@ -127,3 +130,14 @@ def test_command_writes_json(tmp_path: Path) -> None:
 def test_no_third_stage(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no stage 3"):
         validate(small_dataset_file(), 3, 1, 0, Engine(1), tmp_path)
+
+
+def test_a_file_without_such_grasps_is_refused_by_what_was_asked(tmp_path: Path) -> None:
+    file = tmp_path / "no_scenes.npz"
+    save_dataset(file, replace(tiny_dataset(), scenes=[]))
+    for stage, fingers, words in (
+        (2, (), "has no grasps of stage 2$"),
+        (1, (7,), "stage 1 of the classes and"),
+    ):
+        with refused(ErrorCode.REQUEST_INVALID, words):
+            validate(file, stage, 1, 0, Engine(1), tmp_path, fingers=fingers)
