@@ -12,7 +12,7 @@ from dgs_description.stage_clock import StageClock
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.synthesis.generate import work_list
 from dgs_learning.synthesis.sdf import signed_distance
-from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
+from dgs_learning.synthesis.stage_one import DRAWS, resting_ups, synthesise_chunk
 from dgs_learning.training.views import ViewSource
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 
@@ -54,7 +54,7 @@ def _measure_object(model: ObjectModel, key: list[int], trials: int, clock: Stag
     with clock("distance grid"):
         sdf = signed_distance(model)
     with clock("resting poses"):
-        ups = resting_ups(model, key[0])[:MAX_RESTING_POSES]
+        ups = resting_ups(model, key[0])
     draws = DRAWS.get(model.shape_class, DRAWS["other"])
     chunks = [
         synthesise_chunk(model, sdf, up[None], [*key, k], draws, trials, clock=clock)

@@ -81,7 +81,8 @@ class ObjectGrasps:
 def resting_ups(model: ObjectModel, seed: int) -> Array:
     """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping it.
 
-    Of poses that a symmetry of the object maps onto each other only one is kept: its grasps serve them all.
+    Of poses that a symmetry of the object maps onto each other only one is kept: its grasps serve them all. More than
+    `MAX_RESTING_POSES` are not needed.
     """
     rng = np.random.default_rng(seed)
     turns = symmetries_of(model)
@@ -96,7 +97,7 @@ def resting_ups(model: ObjectModel, seed: int) -> Array:
             if all((turns @ up @ known).max() < SAME_UP for known in ups):
                 ups.append(up)
             table.bullet.removeBody(table.bodies.pop())
-    return np.array(ups)
+    return np.array(ups[:MAX_RESTING_POSES])
 
 
 def _random_rotation(rng: np.random.Generator) -> Array:
@@ -294,7 +295,7 @@ def synthesise(
         chunks: finished chunks are kept in this folder, and those of a run that was cut short are taken from it.
     """
     sdf = signed_distance(model)
-    ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
+    ups = resting_ups(model, seed[0])
     draws = effort.draws or DRAWS.get(model.shape_class, DRAWS["other"])
     share = max(effort.per_pose, round(effort.target / len(ups)))
     make = Memory(chunks, verbose=0).cache(synthesise_chunk, ignore=["sdf", "clock"])
@@ -320,7 +321,7 @@ def vary(
     """
     parents = known.grasps[known.grasps.source != VARIED]
     sdf = signed_distance(model)
-    ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
+    ups = resting_ups(model, seed[0])
     make = Memory(chunks, verbose=0).cache(vary_chunk, ignore=["sdf"])
     found = known
     for _ in range(effort.max_chunks if len(parents) else 0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dgs_learning.evaluation.report.templates import render
-from dgs_learning.synthesis import measure
+from dgs_learning.synthesis import measure, stage_one
 from tests.dgs_learning.small_dataset import small_dataset
 
 
@@ -21,7 +21,7 @@ def rate() -> dict:
     """One chunk on the smallest amount of work: the first sphere."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measure, "SHAPE_CLASSES", ("sphere",))
-        patch.setattr(measure, "MAX_RESTING_POSES", 1)
+        patch.setattr(stage_one, "MAX_RESTING_POSES", 1)
         return measure.measure_grasps(1, 3)
 
 
