@@ -29,8 +29,8 @@ class Dgs(TyperGroup):
     """All subcommands; what one of them refuses ends with a code and a sentence, without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the subcommand that is named."""
-        with refusals():
+        """Run the subcommand that is named; a file that cannot be written, too, is named without a traceback."""
+        with refusals(OSError):
             return super().invoke(ctx)
 
 

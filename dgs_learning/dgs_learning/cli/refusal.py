@@ -21,6 +21,8 @@ def refusals(*also: type[Exception]) -> Iterator[None]:
     except DgsError as error:
         typer.echo(f"error {error.code.value} {error.code.name}: {error.message}", err=True)
         raise typer.Exit(BAD_INPUT) from None
+    except BrokenPipeError:  # of `dgs ... | head`, which ends quietly
+        raise
     except also as error:
         refuse(str(error))
 

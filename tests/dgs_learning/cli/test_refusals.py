@@ -87,6 +87,7 @@ def test_other_arrays_are_no_dataset(tmp_path: Path) -> None:
         ("import none.stl --out objects", "none.stl does not exist"),
         ("import doc.md --out doc.md", "is a file"),
         ("export --out run --stage-one doc.md", "is a file"),
+        ("export --out doc.md/run", "Not a directory: 'doc.md/run'"),
         ("experiment loss_chain --out doc.md", "is a file"),
         ("exam --out doc.md", "is a file"),
         ("trials --out doc.md", "is a file"),
