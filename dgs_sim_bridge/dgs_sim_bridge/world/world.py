@@ -81,7 +81,7 @@ class World:
         self,
         objects: Sequence[PlacedObject] = (),
         arm_joints: ArrayLike = HOME_ARM,
-        hand_joints: ArrayLike = (0.0,) * HAND.joint_count,
+        hand_joints: ArrayLike = HAND.straight,
         start_time: float = 0.0,
     ) -> None:
         """Build it.

@@ -17,6 +17,7 @@ from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
+from tests.support.hands import in_process_of
 
 CATALOGUE = find_catalogue("novel")
 T_TOOL_TCP = HAND.T_mount_tcp
@@ -65,6 +66,18 @@ def test_links_are_where_the_kinematic_models_say(opened: Callable[..., World]) 
     frames = HAND.link_frames(hand)
     np.testing.assert_allclose(world.link_pose("thumb_distal"), T_base_tcp @ frames[0, 3], atol=1e-5)
     np.testing.assert_allclose(world.link_pose("ring_middle"), T_base_tcp @ frames[3, 2], atol=1e-5)
+
+
+def test_a_hand_that_cannot_be_straight_starts_within_its_limits() -> None:
+    code = """
+from dgs_description.hand import HAND
+from dgs_sim_bridge.world.world import World
+world = World()
+world.step()
+joints, torques = world.hand.state()
+print(abs(joints - HAND.straight).max() < 0.01 and (abs(torques) < HAND.effort / 2).all())
+"""
+    assert in_process_of("allegro", code).split()[-1] == "True"
 
 
 def test_arm_holds_and_follows_within_its_torques(opened: Callable[..., World]) -> None:
