@@ -200,7 +200,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (_CLOCK_PERIOD, lambda: self._clock_topic.publish(Clock(clock=to_time(sim.time)))),
             (_JOINT_STATE_PERIOD, self._publish_joint_states),
             (1.0 / self.parameters.camera_rate, self._request_picture),
-            (0.2, lambda: self._state.publish(to_sim_state(sim.world.object_states(), sim.time))),
+            (0.2, self._publish_state),
             (0.0, self._publish_robot_status),
             # In percent, as the driver's code does it.
             (0.1, lambda: self._speed_scaling.publish(Float64(data=100.0 * sim.speed_scaling))),
@@ -216,6 +216,10 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
 
         self._wrench.publish(to_wrench(self._simulation.world.wrench(), self._simulation.time))
+
+    def _publish_state(self) -> None:
+        sim = self._simulation
+        self._state.publish(to_sim_state(sim.world.object_states(), sim.time))
 
     def _publish_robot_status(self) -> None:
         status = self._simulation.program_running, self._simulation.safety_mode
@@ -287,7 +291,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
             response.error_code, response.message = int(error.code), error.message
             return response
         standing = threading.Event()
-        self._simulation.reset(scene, standing.set)
+
+        def on_standing() -> None:
+            self._publish_state()  # who has the answer reads nothing of the old scene any more
+            standing.set()
+
+        self._simulation.reset(scene, on_standing)
         # The swap waits for the step in work only; the bound is for a simulation that has died.
         if not standing.wait(_RESET_TIMEOUT):
             response.error_code = int(ErrorCode.SIM_SCENE)
