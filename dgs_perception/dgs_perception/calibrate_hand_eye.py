@@ -110,6 +110,14 @@ def summary(result: HandEye) -> dict[str, Any]:
     }
 
 
+def _write(path: Path, figures: dict[str, Any]) -> None:
+    try:
+        with atomic_write(path, "w") as file:
+            file.write(json.dumps(figures, indent=2) + "\n")
+    except OSError as error:
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"{path} cannot be written: {error}") from error
+
+
 @app.command(help=HELP)
 def main(
     samples: Annotated[Path, typer.Argument(help="file of recorded samples")],
@@ -129,11 +137,10 @@ def main(
         typer.echo("# T_base_camera: the camera's optical frame in base_link [m]")
         typer.echo(yaml.safe_dump(figures, sort_keys=False), nl=False)
         result.check(max_residual, max_spread)
+        if json_file is not None:
+            _write(json_file, figures)
         save_camera(out, result.T_base_camera)
     except DgsError as error:
         typer.echo(f"refused: {error.message} (code {int(error.code)})", err=True)
         raise typer.Exit(1) from error
-    if json_file is not None:
-        with atomic_write(json_file, "w") as file:
-            file.write(json.dumps(figures, indent=2) + "\n")
     typer.echo(f"written to {out}")

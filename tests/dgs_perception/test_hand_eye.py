@@ -137,6 +137,10 @@ def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> N
     good = written(tmp_path / "good.yaml", *samples())
     no_file = CliRunner().invoke(app, [str(good), "--out", str(out), "--json", str(tmp_path)])
     assert no_file.exit_code == 2 and "is a directory" in no_file.stderr and not out.exists()
+    below_a_file = good / "figures.json"
+    no_place = CliRunner().invoke(app, [str(good), "--out", str(out), "--json", str(below_a_file)])
+    assert no_place.exit_code == 1 and "figures.json cannot be written" in no_place.stderr
+    assert not out.exists()
 
 
 def test_samples_with_images_of_the_board(tmp_path: Path) -> None:
