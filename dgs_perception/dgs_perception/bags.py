@@ -163,10 +163,10 @@ class BagSource:
                 except Exception as error:  # whatever bytes that are none of the type lead to
                     logger.warning("%s: a damaged message on %s: %r", self.path, connection.topic, error)
                     continue
-                sound = True
+                sound |= connection.topic == self.topic
                 yield BagMessage(connection.topic, connection.msgtype, time_ns, content)
             if not sound:
-                raise ValueError("none of its messages can be read")
+                raise ValueError(f"none of its messages on {self.topic} can be read")
         except Exception as error:
             raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is damaged: {error}") from error
 

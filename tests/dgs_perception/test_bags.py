@@ -180,8 +180,18 @@ def test_damaged_messages_are_left_out_and_a_bag_of_nothing_else_is_reported(tmp
             if left:
                 assert len(list(source.messages())) == left
                 continue
-            with refused(ErrorCode.BAG_MISSING, "is damaged: none of its messages"):
+            with refused(ErrorCode.BAG_MISSING, "is damaged: none of its messages on"):
                 list(source.messages())
+
+
+def test_a_bag_of_nothing_but_camera_infos_that_can_be_read_is_reported(tmp_path):
+    path = write_depth_bag(tmp_path / "bag", [np.ones((4, 6), np.uint16)], 5.0, storage="mcap")
+    data = bytearray((path / "bag.mcap").read_bytes())
+    at = data.find(b"camera_depth_optical_frame")
+    data[at - 4 : at] = (2**31).to_bytes(4, "little")
+    (path / "bag.mcap").write_bytes(data)
+    with closing(BagSource(path)) as source, refused(ErrorCode.BAG_MISSING, "none of its messages"):
+        list(source.messages())
 
 
 def mixed_bag(path, topics):
