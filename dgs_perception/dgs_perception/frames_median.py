@@ -15,8 +15,9 @@ distance, as the noise of a stereo camera does [1/m]."""
 class FramesMedian:
     """Keeps the last frames of one camera that stands still; the arm and what it moves may move.
 
-    A pixel that has moved keeps its newest depth, so nothing is late. One without depth now takes the median if most
-    frames had depth there: what flickers is filled, holes stay.
+    A pixel that has moved keeps its newest depth, so nothing that is measured is late. One without depth now takes the
+    median if most frames had depth there: what flickers is filled, holes stay, and a new one shows what was there for
+    half of the frames.
     """
 
     def __init__(self, frames: int) -> None:

@@ -42,6 +42,13 @@ def test_what_flickers_is_filled_and_holes_stay() -> None:
     np.testing.assert_array_equal(calm, [[1, 0, 1], [1, 0, 1]])
 
 
+def test_what_has_left_a_hole_behind_stays_for_half_of_the_frames() -> None:
+    median = FramesMedian(7)
+    for _ in range(7):
+        median(np.full((1, 1), 0.5, np.float32))
+    assert [median(np.zeros((1, 1), np.float32))[0, 0] for _ in range(5)] == [0.5, 0.5, 0.5, 0.0, 0.0]
+
+
 def test_another_image_size_begins_anew() -> None:
     median = FramesMedian(5)
     median(np.full((2, 3), 1.0, np.float32))
