@@ -58,7 +58,9 @@ class RecorderParameters:
     topics: tuple[str, ...] = parameter(("/dgs/cloud",), "Topics to record; [run] = all that a replay needs.")
     storage: str = parameter("sqlite3", "Storage of the bag.", choices=tuple(STORAGES))
     compress: bool = parameter(False, "Pack the bag with Zstandard; smaller, but slower to write.")
-    period: float = parameter(0.0, "Least time between two messages; 0 = record all [s].", 0.0, 3600.0)
+    period: float = parameter(
+        0.0, "Least time between two messages of a topic, as the bag has it; 0 = record all [s].", 0.0, 3600.0
+    )
     max_messages: int = parameter(0, "End after so many messages; 0 = until stopped.", 0, 1_000_000_000)
 
     def __post_init__(self) -> None:
@@ -81,7 +83,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._dropped = 0
         self._system_time = False
         self._started = time.monotonic()
-        self._next_due: dict[str, float] = {}
+        self._kept: dict[str, int] = {}
         named = [topic for name in p.topics for topic in (RUN if name == "run" else (name,))]
         self._wanted = list(dict.fromkeys(named))
         self._writing = self._worker.submit(self._write_all)
@@ -127,12 +129,14 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             self.create_subscription(message_class, topic, keep, qos, raw=True)
 
     def _keep(self, topic: str, message_type: str, qos: Qos, data: bytes) -> None:
-        now = time.monotonic()
-        if self._writing.done() or (now < self._next_due.get(topic, 0.0) and qos is not LATCHED):
+        now = self._now()
+        since = now - self._kept.get(topic, now + 1)  # less than 0 also after a simulation's new start
+        too_soon = 0 <= since < self.parameters.period * 1e9
+        if self._writing.done() or (too_soon and qos is not LATCHED):
             return
-        self._next_due[topic] = now + self.parameters.period
+        self._kept[topic] = now
         try:
-            self._waiting.put_nowait((topic, message_type, data, self._now(), qos))
+            self._waiting.put_nowait((topic, message_type, data, now, qos))
         except queue.Full:
             self._dropped += 1
 

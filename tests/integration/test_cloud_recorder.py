@@ -98,6 +98,7 @@ def test_a_bag_keeps_to_one_clock(ros_client, tmp_path, monkeypatch, patience):
     monkeypatch.setattr("dgs_perception.cloud_recorder_node.CLOCK_PATIENCE", patience)
     topics = Parameter("topics", value=["/diagnostics"])
     given = [Parameter("path", value=str(tmp_path / "bag")), topics, Parameter("use_sim_time", value=True)]
+    given.append(Parameter("period", value=0.9 if patience else 0.0))
     node = CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
     try:
         clock = SimpleNamespace(now=lambda: Time(nanoseconds=0))
