@@ -174,6 +174,9 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(opened: Cal
         ends.append((state.pose, world.hand.state()[0], world.arm_state().positions))
     for one, two in zip(*ends, strict=True):
         np.testing.assert_array_equal(one, two)
+    run(world, 0.3)
+    felt = world.link_pose("tool0")[:3, :3] @ world.wrench()[:3]
+    np.testing.assert_allclose(felt, (0, 0, -0.25 * PHYSICS.gravity), atol=0.05)  # nothing but the weight
     # Without the hand's grip it falls: nothing else holds it.
     world.hand.take(HandCommand("position", np.zeros(20), 3.0, np.ones(5, dtype=bool), 2))
     run(world, 1.5)
