@@ -130,8 +130,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._bag: BagSource | None = None
         self._infos: dict[str, Any] = {}
         self._last_stamp_ns = -1
-        median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
-        self._pipeline = CloudPipeline(CELL, self.parameters.edge_filter, median)
+        self._pipeline = self._new_pipeline()
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()
@@ -156,6 +155,10 @@ class CameraNode(ManagedNode[CameraParameters]):
             self._thread.join(timeout=2.0)
         if self._bag is not None and not (self._thread and self._thread.is_alive()):
             self._bag.close()
+
+    def _new_pipeline(self) -> CloudPipeline:
+        median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
+        return CloudPipeline(CELL, self.parameters.edge_filter, median)
 
     def _publish_transforms(self) -> None:
         stamp = self.get_clock().now().to_msg()
@@ -326,7 +329,8 @@ class CameraNode(ManagedNode[CameraParameters]):
             self.get_logger().warning(f"{error.message} (code {int(error.code)})")
 
     def serve(self) -> None:
-        """Silence counts from here: nobody listened before."""
+        """Silence counts from here: nobody listened before. What was seen before a pause is forgotten."""
+        self._pipeline = self._new_pipeline()
         self._health.resumed()
 
     def _report(self) -> None:

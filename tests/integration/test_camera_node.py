@@ -329,6 +329,21 @@ def test_a_camera_whose_images_take_long_here_is_not_silent(ros_client, monkeypa
     assert len(worked) == 3
 
 
+def test_a_node_that_is_active_again_has_forgotten_what_it_saw(ros_client):
+    overrides = [Parameter("frames", value=3)]
+    node = CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+    try:
+        node.trigger_configure()
+        for z in (0.5, 0.5, 0.5, 0.0):
+            node.trigger_activate()
+            assert node._pipeline.median(np.full((1, 1), z, np.float32))[0, 0] == z
+            node.trigger_deactivate()
+    finally:
+        node.stopping.set()
+        node.close()
+        node.destroy_node()
+
+
 @pytest.mark.parametrize("damaged", [False, True])
 def test_a_bag_waits_for_the_node_to_be_active_and_is_replayed_once(
     ros_client, tmp_path, monkeypatch, damaged
