@@ -34,7 +34,7 @@ For every sample the robot stands still. The file:
       - T_base_tool0: {position: [x, y, z], quaternion_xyzw: [x, y, z, w]}
         image: board_02.png                                                              # relative to the file
 
-Exit code 0: written; 1: the data were refused, nothing is written.
+Exit code 0: written; 1: refused, the cell is as it was.
 """
 
 _bad = partial(DgsError, ErrorCode.CALIBRATION_DATA)
