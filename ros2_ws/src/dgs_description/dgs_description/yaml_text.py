@@ -28,4 +28,8 @@ _Loader.add_implicit_resolver(
 
 def load_yaml(text: str) -> Any:
     """What a text says. Raises yaml.YAMLError; ValueError where a value cannot be, such as the date 2026-99-99."""
-    return yaml.load(text, _Loader)  # it is a SafeLoader
+    loader = _Loader(text)
+    try:
+        return loader.get_single_data()
+    finally:
+        loader.dispose()
