@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dgs_arm_executor.ik import ArmIK
+from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
 
 
@@ -15,4 +16,5 @@ def ik() -> ArmIK:
 
 @pytest.fixture(scope="session")
 def planner(ik: ArmIK) -> PickPlanner:
-    return PickPlanner(ik)
+    # Wall time, of a machine that does other things too.
+    return PickPlanner(ik, PickSettings(planning_time=120.0))

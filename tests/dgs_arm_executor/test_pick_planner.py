@@ -212,7 +212,8 @@ def test_a_time_limit_is_not_told_as_if_a_grasp_had_not_been_looked_at(
     planner: PickPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     around = at_home(ObstacleCloud.from_points(cylinder(0.2, 0.0)))
-    monkeypatch.setattr(pick_planner, "time", SimpleNamespace(perf_counter=iter([0.0, 1.0, 11.0]).__next__))
+    moments = iter([0.0, 1.0, planner.settings.planning_time + 1.0])
+    monkeypatch.setattr(pick_planner, "time", SimpleNamespace(perf_counter=moments.__next__))
     (rejection,) = planner.plan(around, top_grasps((0.2, 0.0, -0.14), 0.35, 4.0)).rejections
     assert "no detour was looked for" in rejection.reason
 
