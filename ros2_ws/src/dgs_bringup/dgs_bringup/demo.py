@@ -241,8 +241,10 @@ def main(
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: demo.stop.set())
         try:
-            code = demo.run(objects, catalogue, time_limit, max_attempts, bag)
-            watchdog.cancel()
+            try:
+                code = demo.run(objects, catalogue, time_limit, max_attempts, bag)
+            finally:
+                watchdog.cancel()
             if stay and not demo.stop.is_set():
                 console.print("the suite goes on for the live page; Ctrl-C ends it")
                 demo.stop.wait()
