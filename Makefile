@@ -33,15 +33,19 @@ VENV := .venv
 IN_ENV := source ros2_ws/setup_env.sh &&
 MODE := $(shell source ros2_ws/tools/ros_mode.sh && echo $$dgs_ros_mode)
 
-# With an installed ROS 2, the virtual environment sees the system's Python packages and ROS is not fetched again.
+# With an installed ROS 2, the virtual environment sees the system's Python packages and ROS is not fetched again; the
+# message packages are compiled for the numpy that it gets. Else numpy comes with ROS, and the build needs nothing more.
+REQUIREMENTS := requirements/runtime.txt requirements/dev.txt
 ifeq ($(MODE),installed)
 VENV_FLAGS := --system-site-packages
-REQUIREMENTS := requirements/runtime.txt requirements/dev.txt
+ROS_REQUIREMENTS :=
 CONSTRAINTS :=
+BUILD_NEEDS := $(VENV)/.requirements
 else
 VENV_FLAGS :=
-REQUIREMENTS := requirements/ros.txt requirements/build.txt requirements/runtime.txt requirements/dev.txt
+ROS_REQUIREMENTS := requirements/ros.txt requirements/build.txt
 CONSTRAINTS := -c requirements/constraints.txt
+BUILD_NEEDS := $(VENV)/.ros
 endif
 
 # What needs a new build when it changes: interfaces, manifests, and a file that comes or goes in a data folder.
@@ -58,14 +62,19 @@ help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
 	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, HAND, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (demo, test, bench, series, evaluate); SCENES (series, evaluate)"
 
-setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
+setup: $(VENV)/.ros ## virtual environment, requirements, underlay and workspace; quick when all is there
+	@$(MAKE) --no-print-directory --jobs=2 $(VENV)/.requirements ros2_ws/install/.built
 
-$(VENV)/.requirements: $(REQUIREMENTS) requirements/constraints.txt ros2_ws/tools/link_sources.py
+$(VENV)/.ros: $(ROS_REQUIREMENTS) requirements/constraints.txt
 	@bash ros2_ws/tools/check_system.sh "$(PYTHON)"
 	@if [[ ! -x $(VENV)/bin/pip ]]; then echo "creating $(VENV)"; "$(PYTHON)" -m venv $(VENV_FLAGS) $(VENV); fi
 	@$(VENV)/bin/python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
 	  { echo "$(VENV) is of another Python; remove it: make clean && rm -r $(VENV)" >&2; exit 1; }
 	@echo "installing the requirements (some minutes the first time)"
+	@$(if $(ROS_REQUIREMENTS),$(VENV)/bin/python -m pip install --quiet $(CONSTRAINTS) $(addprefix -r ,$(ROS_REQUIREMENTS)))
+	@touch $@
+
+$(VENV)/.requirements: $(VENV)/.ros $(REQUIREMENTS) ros2_ws/tools/link_sources.py
 	@if [[ -n "$(TORCH_INDEX)" ]]; then \
 	  $(VENV)/bin/python -m pip install --quiet --index-url "$(TORCH_INDEX)" \
 	    "$$(grep '^torch==' requirements/runtime.txt)"; fi
@@ -73,7 +82,7 @@ $(VENV)/.requirements: $(REQUIREMENTS) requirements/constraints.txt ros2_ws/tool
 	@$(VENV)/bin/python ros2_ws/tools/link_sources.py
 	@touch $@
 
-ros2_ws/install/.built: $(VENV)/.requirements $(WORKSPACE_FILES)
+ros2_ws/install/.built: $(BUILD_NEEDS) $(WORKSPACE_FILES)
 	@echo "building the workspace"
 	@bash ros2_ws/build.sh
 
