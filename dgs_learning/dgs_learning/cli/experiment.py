@@ -71,7 +71,6 @@ def exam(
         refuse(f"there is no folder {real}")
     with evaluation():
         from dgs_learning.evaluation.experiment import read_experiment
-        from dgs_learning.evaluation.report.tables import exam_rows
 
         changes: dict[str, object] = {"scenes": scenes, "seed": seed, "without": tuple(without or ())}
         if proposers:
@@ -82,8 +81,7 @@ def exam(
         rows = [row for row in rows if row.objects]
         if not rows:
             refuse("rows of real objects need their folder: --real FOLDER")
-        result = run_experiment(replace(wanted, rows=tuple(rows)), out, workers, doc)
-        write_json(json_file, exam_rows(result))
+        write_json(json_file, run_experiment(replace(wanted, rows=tuple(rows)), out, workers, doc))
 
 
 def run_experiment(wanted: Experiment, folder: Path, workers: int, doc: Path | None) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from dgs_description.documents import fill_block
-from dgs_description.hand import DEFAULT
 from dgs_learning.evaluation.experiment import Experiment
 from dgs_learning.evaluation.metrics import clearance, success
 from dgs_learning.evaluation.report.templates import read_data, render
@@ -20,27 +19,6 @@ def experiment_result(experiment: Experiment, summaries: Sequence[dict[str, Any]
     rows = [{"name": row.name, "text": row.text, **summary} for row, summary in pairs]
     head = {"experiment": experiment.name, "text": experiment.text, "mark": experiment.mark}
     return {**head, "paper": list(experiment.paper), "by_kind": experiment.by_kind, "rows": rows}
-
-
-def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
-    """A result with flat rows: one per objects, engine, condition and kind of resting pose ("all" first)."""
-    flat = []
-    for row in result["rows"]:
-        setting = row["setting"]
-        about = {
-            "hand": setting.get("hand", DEFAULT),
-            "objects": setting["objects"],
-            "engine": setting.get("engine", "pybullet"),
-            "condition": "worn" if setting.get("condition", {}).get("worn") else "new",
-            **{key: row[key] for key in ("proposers", "stages", "scenes")},
-            **{key: setting[key] for key in ("seed", "revision", "date")},
-            "model_sha256": setting.get("model_sha256", ""),
-        }
-        for kind, part in (("all", row), *row["per_kind"].items()):
-            same = ("sr", "sr_interval", "attempts", "cr_interval", "pd_mm", "pv_mm3")
-            numbers = {key: part[key] for key in same}
-            flat.append({**about, "kind": kind, **numbers, "cr": part["cr_pooled"], "shown": part["objects"]})
-    return {"experiment": result["experiment"], "text": result["text"], "rows": flat}
 
 
 def together(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

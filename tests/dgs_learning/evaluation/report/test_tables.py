@@ -12,7 +12,6 @@ from dgs_learning.cli.files import write_json
 from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.report.tables import (
-    exam_rows,
     experiment_result,
     experiment_table,
     fill_document,
@@ -86,13 +85,6 @@ def test_sets_of_objects_are_taken_together_per_engine_and_condition() -> None:
     bullet, mujoco = together(rows)
     assert (bullet["text"], bullet["sr"], bullet["cr_pooled"]) == ("PyBullet", 16 / 20, 16 / 20)
     assert (mujoco["text"], mujoco["sr"], mujoco["cr_pooled"]) == ("MuJoCo", 8 / 10, 8 / 10)
-
-
-def test_rows_of_the_exam_say_what_they_are_of() -> None:
-    rows = exam_rows(result_of(Row("one", engine="mujoco", scenes=3)))["rows"]
-    assert [row["kind"] for row in rows] == ["all", "fits", "low", "wide"]
-    known = {"seed": 0, "scenes": 3, "model_sha256": "feed", "revision": "abc", "shown": 0}
-    assert all(known.items() <= row.items() for row in rows)
 
 
 def test_the_exam_tells_no_success_of_what_was_not_tried() -> None:
