@@ -23,12 +23,16 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     controller_name: str = parameter(
         "scaled_joint_trajectory_controller", "Controller whose follow_joint_trajectory action moves the arm."
     )
-    cloud_topic: str = parameter("/dgs/cloud", "Observed cloud in base_link; empty = plan without.")
+    cloud_topic: str = parameter(
+        "/dgs/cloud", "Observed cloud in base_link; empty = plan without.", optional=True
+    )
     max_cloud_age: float = parameter(
         10.0, "No pick is planned on an older cloud (time since arrival) [s].", 0.1, 3600.0
     )
     wrench_topic: str = parameter(
-        "/force_torque_sensor_broadcaster/wrench", "Force on the hand, in tool0; empty = it is not bounded."
+        "/force_torque_sensor_broadcaster/wrench",
+        "Force on the hand, in tool0; empty = it is not bounded.",
+        optional=True,
     )
     max_force: float = parameter(
         MAX_FORCE, "Of the hand on anything, on straight ways near the table; 0 = no bound [N].", 0.0, 150.0
@@ -45,7 +49,9 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     extrinsics_tilt: float = parameter(MAX_TILT, "Largest tilt of the observed table [rad].", 0.001, 0.3)
     extrinsics_height: float = parameter(MAX_HEIGHT, "Largest error of its height [m].", 0.001, 0.1)
     payload_service: str = parameter(
-        "/io_and_status_controller/set_payload", "The UR driver's service; empty = the payload is not set."
+        "/io_and_status_controller/set_payload",
+        "The UR driver's service; empty = the payload is not set.",
+        optional=True,
     )
     hand_mass: float = parameter(
         0.0, "Hand and adapter [kg]; 0 = the hand alone, mass and centre as its model has them.", 0.0, 10.0

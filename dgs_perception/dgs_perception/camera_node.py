@@ -97,7 +97,7 @@ class CameraParameters(ManagedParameters):
     realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", 1, 800)
     realsense_rate: int = parameter(D455_MODE[2], "Depth images per second [Hz].", 1, 90)
     bag_path: str = parameter("", "Folder or file of the bag for source rosbag.")
-    bag_topic: str = parameter("", "Cloud or depth topic in the bag; empty: found by type.")
+    bag_topic: str = parameter("", "Cloud or depth topic in the bag; empty: found by type.", optional=True)
     bag_rate: float = parameter(1.0, "Factor on the recorded pace.", 0.01, 100.0)
     bag_loop: bool = parameter(True, "Start again at the end of the bag.")
     bag_restamp: bool = parameter(

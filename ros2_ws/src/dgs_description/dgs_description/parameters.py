@@ -34,6 +34,7 @@ class Constraints:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[Any, ...] | None = None
+    optional: bool = False
 
     def text(self) -> str:
         """The bounds or choices in words; empty if there are none."""
@@ -53,6 +54,7 @@ def parameter(
     maximum: float | None = None,
     *,
     choices: Sequence[Any] | None = None,
+    optional: bool = False,
 ) -> Any:
     """A dataclass field that is a node parameter.
 
@@ -60,9 +62,10 @@ def parameter(
         default: value if none is given; lists are written as tuples.
         description: one line with the unit in [brackets].
         minimum, maximum: bounds of a number, or of every number of a list.
+        optional: of the name of a topic or service: it may be empty, for none.
     """
     allowed = None if choices is None else tuple(choices)
-    constraints = Constraints(description, minimum, maximum, allowed)
+    constraints = Constraints(description, minimum, maximum, allowed, optional)
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
 
 

@@ -209,9 +209,9 @@ class DgsNode(Node, Generic[P]):
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
             if name.endswith(("_topic", "topics", "_service")):
-                may_lack = "empty" in constraints_of(field).description  # a single one
-                for topic in value if isinstance(value, tuple) else (value,) * (bool(value) or not may_lack):
-                    check_topic(self, name, topic)
+                for topic in value if isinstance(value, tuple) else (value,):
+                    if topic or not constraints_of(field).optional:
+                        check_topic(self, name, topic)
             if value == ():
                 self._declare_empty(name, field, hints[name])
             else:
