@@ -84,7 +84,7 @@ $(VENV)/.requirements: $(VENV)/.ros $(REQUIREMENTS) ros2_ws/tools/link_sources.p
 
 ros2_ws/install/.built: $(BUILD_NEEDS) $(WORKSPACE_FILES)
 	@echo "building the workspace"
-	@env -u MAKEFLAGS bash ros2_ws/build.sh  # colcon's own makes share no jobs with this one
+	@bash ros2_ws/build.sh
 
 build: $(VENV)/.requirements ## build the workspace even if nothing seems to have changed
 	@bash ros2_ws/build.sh

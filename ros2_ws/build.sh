@@ -2,6 +2,7 @@
 # Build the workspace: underlay (only what is missing), then every package. Usage: ros2_ws/build.sh [colcon build arguments]
 # A plain `colcon build` would take the system's Python, which lacks torch, pybullet, pin, ..., and leave out the underlay.
 set -euo pipefail
+unset MAKEFLAGS  # of a make that called this: colcon's own share no jobs with it
 workspace=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd -P)
 repo=$(dirname "$workspace")
 venv=${DGS_VENV:-$repo/.venv}
