@@ -89,6 +89,7 @@ def grasps(
 
 
 def scenes(
+    out: Annotated[Path, typer.Option(dir_okay=False, help="Dataset file to write.")],
     seed: Seed = 0,
     count: Annotated[int, typer.Option(min=1, help="Number of scenes, besides those that are kept.")] = 240,
     known: Known = None,
@@ -96,7 +97,6 @@ def scenes(
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",
-    out: Annotated[Path | None, typer.Option(dir_okay=False, help="Dataset file to write.")] = None,
 ) -> None:
     """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
     from dgs_description.paths import revision
@@ -111,10 +111,9 @@ def scenes(
     engine = Engine(workers, backend, cluster)
     kept = paths.kept_folder(paths.data_dir() / "stage2", revision())
     dataset = generate_scenes(grasps, count, seed, engine, kept)
-    target = out or paths.dataset_file()
-    save_dataset(target, dataset)
+    save_dataset(out, dataset)
     total = sum(len(scene.instance) for scene in dataset.scenes)
     typer.echo(
         f"{len(dataset.objects)} objects, {len(dataset.grasps)} grasps, {len(dataset.scenes)} scenes, "
-        f"{total} scene grasps -> {target} ({target.stat().st_size / 1e6:.1f} MB)"
+        f"{total} scene grasps -> {out} ({out.stat().st_size / 1e6:.1f} MB)"
     )
