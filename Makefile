@@ -63,7 +63,7 @@ help: ## list the targets
 	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, HAND, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (demo, test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: $(VENV)/.ros ## virtual environment, requirements, underlay and workspace; quick when all is there
-	@$(MAKE) --no-print-directory --jobs=2 $(VENV)/.requirements ros2_ws/install/.built
+	@$(MAKE) --silent --jobs=2 $(VENV)/.requirements ros2_ws/install/.built
 
 $(VENV)/.ros: $(ROS_REQUIREMENTS) requirements/constraints.txt
 	@bash ros2_ws/tools/check_system.sh "$(PYTHON)"
