@@ -140,7 +140,7 @@ def test_same_seed_same_image_other_seed_another() -> None:
 
 def test_noise_is_fast() -> None:
     depth, rng = step_image(), np.random.default_rng(0)
-    # 25 ms on a fast core, 110 ms where memory is slow to come
+    # 25 ms on an idle core, 110 ms where memory is slow to come
     assert fastest(lambda: D455Noise().apply(depth, D455, rng)) < 0.4
 
 
