@@ -8,7 +8,7 @@ import pytest
 
 from dgs_bringup import suite_file
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_description.parameters import from_values
+from dgs_description.parameters import constraints_of, declared, from_values
 
 VALUES = suite_file.read()
 
@@ -19,6 +19,14 @@ def test_the_values_are_accepted(node: NodeInfo):
     if node.name == "cloud_recorder":
         values["path"] = "given on the command line"
     from_values(node.parameter_class(), values)
+
+
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node.name)
+def test_a_topic_that_may_be_empty_says_so_to_people_and_to_the_node(node: NodeInfo):
+    for name, field in declared(node.parameter_class()).items():
+        if name.endswith(("_topic", "_service")):
+            known = constraints_of(field)
+            assert known.optional == ("; empty" in known.description), name
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class ViewerParameters:
     token: str = parameter("", "What visitors bring as ?token=; empty = none on loopback, else a random one.")
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
     colour_topic: str = parameter(
-        "/camera/camera/color/image_raw", "Picture that colours the cloud; empty = none."
+        "/camera/camera/color/image_raw", "Picture that colours the cloud; empty = none.", optional=True
     )
     colour_info_topic: str = parameter(
         "/camera/camera/depth/camera_info", "Intrinsics of that picture (the simulated one has the depth's)."
